@@ -92,8 +92,7 @@ pub fn check(path: &Path, reading: &LoadOptions, follows: bool) -> Result<(), Pa
     if follows && path.is_dir() {
         return Ok(());
     }
-    let recognised = dataset::recognise(path, reading).map_err(OpenError::from);
-    Ok(recognised.map(drop)?)
+    Ok(dataset::check_layout(path, reading).map_err(OpenError::from)?)
 }
 
 /// Checks by its start that a file may be a checkpoint or a model.

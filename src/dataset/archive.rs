@@ -1,12 +1,14 @@
 //! Members of an untrusted zip archive: the sizes in its directory may be wrong, and a member of one
 //! kilobyte may unpack to a terabyte.
 
-use super::error::FrameProblem;
+use super::error::{DatasetError, FrameProblem};
 use super::folder::{MAX_IMAGE_BYTES, RetryingFile, starts_with, text_of};
 use super::lengths::MAX_FACTOR;
+use super::video::ExtractionFolder;
 use std::borrow::Cow;
+use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use zip::ZipArchive;
 use zip::result::ZipError;
@@ -119,6 +121,85 @@ pub(super) fn read_member(
         return Err(FrameProblem::ZipBomb { packed, unpacked: bytes.len() as u64 });
     }
     Ok(bytes)
+}
+
+/// Largest size of an unpacked archive, bytes: an hour of a phone's photographs and depth is smaller.
+const MAX_UNPACKED: u64 = 64 << 30;
+/// Endings of photographs and videos, one of which every recording has.
+const PICTURES: [&str; 9] = ["jpg", "jpeg", "png", "tif", "tiff", "exr", "mp4", "mov", "webp"];
+
+/// Files of an archive in a temporary folder, which is deleted with the last dataset that reads them.
+#[derive(Debug)]
+pub(super) struct Unpacked {
+    pub folder: PathBuf,
+    _temporary: ExtractionFolder,
+}
+
+/// True if an archive may hold a recording's folder, by the names of its members.
+pub(super) fn may_hold_folder(path: &Path) -> bool {
+    let is_picture = |name: &String| {
+        let ending = name.rsplit_once('.').map_or("", |(_, ending)| ending);
+        PICTURES.iter().any(|picture| ending.eq_ignore_ascii_case(picture))
+    };
+    Archive::open(path).is_ok_and(|archive| archive.names().iter().any(is_picture))
+}
+
+/// Unpacks the files of an archive, member by member, into a temporary folder.
+pub(super) fn unpack(path: &Path) -> Result<Unpacked, DatasetError> {
+    // Not in `/tmp`, which is memory on many systems.
+    let lasting = Path::new("/var/tmp");
+    let parent = match std::env::var_os("TMPDIR").is_none() && lasting.is_dir() {
+        true => lasting.to_owned(),
+        false => std::env::temp_dir(),
+    };
+    let failed =
+        |problem| DatasetError::Unpack { path: path.to_owned(), to: parent.clone(), problem };
+    let unwritable = |source| failed(FrameProblem::Read(source));
+    ExtractionFolder::remove_leftovers(&parent);
+    let temporary = ExtractionFolder::create_in(&parent).map_err(unwritable)?;
+    // Beside the folder's lock, whose name a member could have.
+    let folder = temporary.path.path().join("files");
+    std::fs::create_dir(&folder).map_err(unwritable)?;
+    let source = RetryingFile::open(path).map_err(unwritable)?;
+    let mut zip = open_zip(BufReader::new(source)).map_err(failed)?;
+    let mut total = 0;
+    for at in 0..zip.len() {
+        total += unpack_member(&mut zip, at, &folder, MAX_UNPACKED - total).map_err(failed)?;
+    }
+    Ok(Unpacked { folder, _temporary: temporary })
+}
+
+/// Unpacks a file of at most `most` bytes and returns its size. Leaves out folders, links, names that lead
+/// outside, and the files that a Mac adds.
+fn unpack_member(
+    zip: &mut ZipArchive<impl Read + Seek>,
+    at: usize,
+    folder: &Path,
+    most: u64,
+) -> Result<u64, FrameProblem> {
+    let mut member = zip.by_index(at).map_err(archive_error)?;
+    let name = member.enclosed_name().filter(|_| member.is_file() && !member.is_symlink());
+    let Some(name) = name.filter(|name| !is_of_mac(name)) else { return Ok(0) };
+    let (packed, stated) = (member.compressed_size(), member.size());
+    let bomb = |unpacked| Err(FrameProblem::ZipBomb { packed, unpacked });
+    if stated > most || stated / MAX_FACTOR > packed {
+        return bomb(stated);
+    }
+    let target = folder.join(name);
+    if let Some(parent) = target.parent() {
+        std::fs::create_dir_all(parent)?;
+    }
+    // Two members of one name: neither can be trusted to be the one that is meant.
+    let mut file = File::create_new(&target)?;
+    let written = std::io::copy(&mut member.by_ref().take(stated + 1), &mut file)?;
+    if written == stated { Ok(written) } else { bomb(written) }
+}
+
+fn is_of_mac(name: &Path) -> bool {
+    let is_named = |part: Component| {
+        part.as_os_str().to_str().is_some_and(|name| name == "__MACOSX" || name.starts_with("._"))
+    };
+    name.components().any(is_named)
 }
 
 fn archive_error(error: ZipError) -> FrameProblem {

@@ -46,6 +46,11 @@ pub enum DatasetError {
     /// A recording or model of another program, from which images can be made.
     #[error("{}: found {kind}, expected images that are read; {hint}", path.display())]
     OtherFormat { path: PathBuf, kind: &'static str, hint: &'static str },
+    /// An archive that holds a recording's folder cannot be unpacked.
+    #[error(
+        "{}: unpacking to {}: {problem}; free space there, or unpack it yourself and open its folder", path.display(), to.display()
+    )]
+    Unpack { path: PathBuf, to: PathBuf, problem: FrameProblem },
     /// More than one layout matches the folder.
     #[error(
         "{}: expected one recording, found two layouts at once ({found}); give each a folder of its own", path.display()

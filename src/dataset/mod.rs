@@ -63,6 +63,6 @@ pub use error::Warning;
 pub use folder::read_settings;
 pub use formats::Layout;
 pub use growing::FrameMarks;
-pub use opened::{Dataset, is_archive, open, recognise};
+pub use opened::{Dataset, check_layout, is_archive, open};
 pub use options::LoadOptions;
 pub use pose_check::PoseConvention;

@@ -1,6 +1,6 @@
 //! An opened dataset: splits, skipped frames, options, and properties of its cameras.
 
-use super::archive::Archive;
+use super::archive::{Archive, Unpacked, may_hold_folder, unpack};
 use super::bag::is_bag;
 use super::calibration::Calibration;
 use super::entry::{DatasetSplit, DepthSource, FrameEntry, HELD_OUT, HOLD_OUT_EVERY, MaskSource};
@@ -31,6 +31,8 @@ pub struct Dataset {
     pub path: Option<PathBuf>,
     /// True if the dataset was read from a folder, to which frames may be added.
     pub is_folder: bool,
+    /// Files of the archive that the dataset was read from, if they had to be unpacked.
+    pub(super) unpacked: Option<Arc<Unpacked>>,
     /// Layout of the files.
     pub layout: Layout,
     /// Description of the content that identified the layout.
@@ -51,7 +53,8 @@ pub struct Dataset {
     pub options: LoadOptions,
 }
 
-/// Opens a dataset folder: recognises the layout and reads metadata and poses.
+/// Opens a dataset folder: recognises the layout and reads metadata and poses. A zip archive that holds a
+/// recording's folder is unpacked, and opens like it.
 ///
 /// # Errors
 /// A folder that cannot be read, has no known layout, or has no usable frame. Implausible camera
@@ -76,35 +79,75 @@ pub struct Dataset {
 pub fn open(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError> {
     // Checked before any file is read: an invalid option is wrong usage, whatever the folder holds.
     options.check()?;
-    let folder = Folder::open(path, RecordingState::default())?;
-    let dataset = read(&folder, path, options).map_err(|error| advised(error, options))?;
+    let mut folder = Folder::open(path, RecordingState::default())?;
+    let mut unpacked = None;
+    if is_packed_folder(&folder, path, options) {
+        let files = unpack(path)?;
+        folder = recording_below(&files.folder, options)?;
+        unpacked = Some(Arc::new(files));
+    }
+    let mut dataset = read(&folder, path, options).map_err(|error| match error {
+        // The temporary folder is gone when the message is read.
+        DatasetError::NotRecognised { expected, found, .. } if unpacked.is_some() => {
+            DatasetError::NotRecognised { path: path.to_owned(), expected, found }
+        }
+        error => advised(error, options),
+    })?;
+    dataset.is_folder &= unpacked.is_none();
+    dataset.unpacked = unpacked;
     match dataset.splits.is_empty() {
         true => Err(no_usable_frame(path, dataset.warnings)),
         false => Ok(dataset),
     }
 }
 
-/// Checks that [`open`] would recognise the layout of a folder or archive, without reading its frames.
+/// Checks that [`open`] would recognise the layout of a folder or archive, without reading its frames. Of an
+/// archive that has to be unpacked, only the names of its files are checked.
 ///
 /// # Errors
 /// As for [`open`], of the folder and its layout.
-pub fn recognise(path: &Path, options: &LoadOptions) -> Result<Layout, DatasetError> {
+pub fn check_layout(path: &Path, options: &LoadOptions) -> Result<(), DatasetError> {
     let folder = Folder::open(path, RecordingState::default())?;
-    let found = formats::recognise(&folder, options).map_err(|error| advised(error, options))?;
-    Ok(found.0)
+    if is_packed_folder(&folder, path, options) {
+        return Ok(());
+    }
+    formats::recognise(&folder, options).map(drop).map_err(|error| advised(error, options))
 }
 
-/// Replaces the error of an unknown layout if the folder above has a known one.
+/// Opens the first folder with a known layout, from `path` on inwards while a folder holds only one other. The
+/// last one if none has a known layout.
+fn recording_below(path: &Path, options: &LoadOptions) -> Result<Folder, DatasetError> {
+    let mut folder = Folder::open(path, RecordingState::default())?;
+    while formats::recognise(&folder, options).is_err() {
+        let [inner] = &folder.subfolders()[..] else { break };
+        folder = Folder::open(&folder.path.join(inner), RecordingState::default())?;
+    }
+    Ok(folder)
+}
+
+/// True for a zip archive that is no recording itself but may hold the folder of one.
+fn is_packed_folder(folder: &Folder, path: &Path, options: &LoadOptions) -> bool {
+    let is_plain =
+        || matches!(formats::recognise(folder, options), Err(DatasetError::OtherFormat { .. }));
+    folder.opened_archive().is_some() && is_plain() && may_hold_folder(path)
+}
+
+/// Number of folders above a part of a recording that are searched for all of it: `iphone/rgb` is two below.
+const MOST_ABOVE: usize = 3;
+
+/// Replaces the error of an unknown layout if a folder above has a known one.
 fn advised(error: DatasetError, options: &LoadOptions) -> DatasetError {
     let DatasetError::NotRecognised { path, .. } = &error else { return error };
-    let above = path.canonicalize().ok().and_then(|path| Some(path.parent()?.to_owned()));
-    let is_recording = |above: &PathBuf| {
+    let is_recording = |above: &&Path| {
         Folder::open(above, RecordingState::default())
             .and_then(|folder| formats::recognise(&folder, options))
             .is_ok()
     };
-    match above.filter(is_recording) {
-        Some(above) => DatasetError::InsideRecording { path: path.clone(), above },
+    let Ok(part) = path.canonicalize() else { return error };
+    match part.ancestors().skip(1).take(MOST_ABOVE).find(is_recording) {
+        Some(above) => {
+            DatasetError::InsideRecording { path: path.clone(), above: above.to_owned() }
+        }
         None => error,
     }
 }
@@ -129,6 +172,7 @@ pub(super) fn read(
         name: name.unwrap_or_else(|| "dataset".to_owned()),
         path: Some(path.to_owned()),
         is_folder: folder.opened_archive().is_none(),
+        unpacked: None,
         layout,
         recognised_by,
         // Splits are not empty, so that code may take the first frame of one.

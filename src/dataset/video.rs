@@ -51,8 +51,9 @@ const MAX_UNPACKED: usize = 1 << 18;
 const EVERY_FRAME: [&str; 2] = ["-fps_mode", "-vsync"];
 
 fn extract_frames(path: &Path) -> Result<ExtractionFolder, String> {
-    ExtractionFolder::remove_leftovers(&std::env::temp_dir());
-    let folder = ExtractionFolder::create().map_err(|e| e.to_string())?;
+    let temporary = std::env::temp_dir();
+    ExtractionFolder::remove_leftovers(&temporary);
+    let folder = ExtractionFolder::create_in(&temporary).map_err(|e| e.to_string())?;
     // An absolute path: a relative name may start with a dash or a protocol prefix.
     let video = std::path::absolute(path).map_err(|e| e.to_string())?;
     let [option, older] = EVERY_FRAME;
@@ -67,22 +68,22 @@ fn extract_frames(path: &Path) -> Result<ExtractionFolder, String> {
     }
 }
 
-/// Temporary folder with the photographs of a video.
+/// Temporary folder with the photographs of a video, or with the files of an archive.
 #[derive(Debug)]
-struct ExtractionFolder {
-    path: TempDir,
+pub(super) struct ExtractionFolder {
+    pub path: TempDir,
     /// Locked as long as the process lives; the system releases the lock of a killed one.
     _lock: File,
 }
 
 impl ExtractionFolder {
-    const PREFIX: &str = "vbgs-studio-video-";
+    const PREFIX: &str = "vbgs-studio-unpacked-";
     const LOCK: &str = "lock";
     /// Age of a folder that is surely locked if its process lives.
     const SETTLED: Duration = Duration::from_secs(60);
 
-    fn create() -> io::Result<Self> {
-        let path = Builder::new().prefix(Self::PREFIX).tempdir()?;
+    pub fn create_in(temporary: &Path) -> io::Result<Self> {
+        let path = Builder::new().prefix(Self::PREFIX).tempdir_in(temporary)?;
         let lock = File::create_new(path.path().join(Self::LOCK))?;
         // On a file system without locks, leftovers stay; nothing else depends on the lock.
         let _ = lock.lock();
@@ -90,7 +91,7 @@ impl ExtractionFolder {
     }
 
     /// Deletes the folders of killed processes. Other users may write to `temporary`, so no link is followed.
-    fn remove_leftovers(temporary: &Path) {
+    pub fn remove_leftovers(temporary: &Path) {
         let Ok(entries) = fs::read_dir(temporary) else { return };
         for entry in entries.flatten() {
             let is_ours = entry.file_name().to_str().is_some_and(|n| n.starts_with(Self::PREFIX));
@@ -298,17 +299,17 @@ mod extraction_tests {
             lock.set_modified(SystemTime::now() - Duration::from_secs(age_s)).unwrap();
             (folder, lock)
         };
-        let dead = made("vbgs-studio-video-dead", 100).0;
-        let young = made("vbgs-studio-video-young", 1).0;
+        let dead = made("vbgs-studio-unpacked-dead", 100).0;
+        let young = made("vbgs-studio-unpacked-young", 1).0;
         let foreign = made("other-video-dead", 100).0;
-        let (alive, lock) = made("vbgs-studio-video-alive", 100);
+        let (alive, lock) = made("vbgs-studio-unpacked-alive", 100);
         lock.lock().unwrap();
-        let unlocked = temporary.path().join("vbgs-studio-video-without");
+        let unlocked = temporary.path().join("vbgs-studio-unpacked-without");
         fs::create_dir(&unlocked).unwrap();
         let mut kept = vec![young, foreign.clone(), alive, unlocked];
         #[cfg(unix)]
         {
-            let link = temporary.path().join("vbgs-studio-video-link");
+            let link = temporary.path().join("vbgs-studio-unpacked-link");
             std::os::unix::fs::symlink(&foreign, &link).unwrap();
             kept.push(link);
         }
@@ -320,7 +321,7 @@ mod extraction_tests {
 
     #[test]
     fn a_folder_is_locked_and_deleted_with_its_dataset() {
-        let folder = ExtractionFolder::create().unwrap();
+        let folder = ExtractionFolder::create_in(&std::env::temp_dir()).unwrap();
         let path = folder.path.path().to_owned();
         let other = File::open(path.join(ExtractionFolder::LOCK)).unwrap();
         assert!(other.try_lock().is_err());

@@ -7,7 +7,7 @@ use super::harness::{
 use crate::common::adapter::turn;
 use eframe::egui::Key;
 use egui_kittest::kittest::Queryable;
-use std::io::Cursor;
+use std::io::{Cursor, Write};
 use std::path::{Path, PathBuf};
 use vbgs_studio::app::state::{Notice, NoticeKind, RunState, Subject};
 use vbgs_studio::app::{Painting, Studio};
@@ -99,7 +99,7 @@ fn a_dataset_with_bad_frames_trains_on_the_others_and_counts_them() {
 
 /// The error of a folder inside a dataset offers the dataset.
 #[test]
-fn a_part_of_a_recording_offers_all_of_it_and_an_archive_says_what_to_do() {
+fn a_part_of_a_recording_offers_all_of_it_and_an_archive_opens_as_its_folder() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let room = folder.path().canonicalize().unwrap().join("room");
@@ -129,20 +129,52 @@ fn a_part_of_a_recording_offers_all_of_it_and_an_archive_says_what_to_do() {
         assert!(window.query_by_label("Open the folder above").is_none());
     }
 
-    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-    zip.start_file("rgb/1.png", SimpleFileOptions::default()).unwrap();
-    let archive = folder.path().join("room.zip");
-    std::fs::write(&archive, zip.finish().unwrap().into_inner()).unwrap();
+    let zipped = |name: &str, files: &[(String, Vec<u8>)]| {
+        let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+        for (name, bytes) in files {
+            zip.start_file(name, SimpleFileOptions::default()).unwrap();
+            zip.write_all(bytes).unwrap();
+        }
+        let archive = folder.path().join(name);
+        std::fs::write(&archive, zip.finish().unwrap().into_inner()).unwrap();
+        archive
+    };
+    let archive = zipped("notes.zip", &[("notes/1.txt".to_owned(), b"none".to_vec())]);
     let Some(mut window) = window(None, Painting::Auto) else { return };
     drop_on(&mut window, &archive);
     wait_for_label(
         &mut window,
         &format!(
-            "{}: found a zip archive, expected images that are read; unpack it and open its folder",
+            "{}: found a zip archive without photographs, expected images that are read; open the folder or archive of a recording",
             archive.display()
         ),
     );
     assert!(window.query_by_label("Open the folder above").is_none());
+    let mut files = files_below(&room);
+    for (name, _) in &mut files {
+        *name = format!("room/{name}");
+    }
+    files.push(("__MACOSX/room/._rgb.txt".to_owned(), Vec::new()));
+    let archive = zipped("room.zip", &files);
+    write_to(&mut window, Key::O, "Open", &archive);
+    train(&mut window);
+    assert_eq!(opens(window.state()), Some(archive));
+}
+
+/// Names below a folder, with `/` as the separator, and the contents of all files.
+fn files_below(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let (path, name) = entry.map(|e| (e.path(), e.file_name())).unwrap();
+        let name = name.into_string().unwrap();
+        if path.is_dir() {
+            let inner = files_below(&path).into_iter();
+            found.extend(inner.map(|(below, bytes)| (format!("{name}/{below}"), bytes)));
+        } else {
+            found.push((name, std::fs::read(&path).unwrap()));
+        }
+    }
+    found
 }
 
 fn small() -> SyntheticParams {

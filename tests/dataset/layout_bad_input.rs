@@ -372,6 +372,82 @@ fn archives_that_lie() {
 }
 
 #[test]
+fn a_part_of_a_recording_names_the_folder_that_holds_all_of_it() {
+    for (layout, part) in [(Tum, "rgb"), (Nerfstudio, "images"), (ScannetPp, "iphone/rgb")] {
+        let folder = tiny(layout);
+        let above = format!("open the folder above, {}", folder.path().display());
+        refuses(&folder.path().join(part), &["found a part of a recording", &above]);
+    }
+}
+
+/// Archive of a recording's folder, with the members that `extra` adds.
+fn zipped_folder(
+    layout: TestLayout,
+    extra: impl FnOnce(&mut zip::ZipWriter<fs::File>),
+) -> (tempfile::TempDir, std::path::PathBuf) {
+    let folder = tiny(layout);
+    let archive = folder.path().with_extension("zip");
+    let mut zip = zip::ZipWriter::new(fs::File::create(&archive).unwrap());
+    let mut folders = vec![folder.path().to_owned()];
+    while let Some(next) = folders.pop() {
+        for entry in fs::read_dir(next).unwrap().map(|entry| entry.unwrap().path()) {
+            if entry.is_dir() {
+                folders.push(entry);
+                continue;
+            }
+            let name = entry.strip_prefix(folder.path()).unwrap().to_str().unwrap();
+            zip.start_file(format!("room/{}", name.replace('\\', "/")), options()).unwrap();
+            zip.write_all(&fs::read(&entry).unwrap()).unwrap();
+        }
+    }
+    extra(&mut zip);
+    zip.finish().unwrap();
+    (folder, archive)
+}
+
+#[test]
+fn a_zipped_folder_opens_like_it_whatever_else_the_archive_holds() {
+    for layout in [Tum, Nerfstudio, StrayScanner] {
+        let (folder, archive) = zipped_folder(layout, |zip| {
+            for name in ["../beside.png", "/root.png", "__MACOSX/room/._1.png"] {
+                zip.start_file(name, options()).unwrap();
+                zip.write_all(b"no image").unwrap();
+            }
+            zip.add_symlink("room/link.png", "/etc/passwd", options()).unwrap();
+        });
+        let [plain, packed] = [folder.path(), &archive].map(|path| open_plain(path).unwrap());
+        assert_eq!((packed.layout, n_frames(&packed)), (plain.layout, n_frames(&plain)));
+        assert_eq!((packed.path.as_deref(), packed.is_folder), (Some(&*archive), false));
+        let [a, b] = [&plain, &packed].map(|dataset| dataset.load(0, 1).unwrap());
+        assert_eq!(a.color, b.color);
+        let unpacked = packed.splits[0].frames[0].color_path().unwrap().to_owned();
+        let kept = packed.clone();
+        drop(packed);
+        assert!(unpacked.exists() && !unpacked.starts_with(folder.path()));
+        drop(kept);
+        assert!(!unpacked.exists(), "the files vanish with the dataset");
+        assert!(!folder.path().with_file_name("beside.png").exists());
+        fs::remove_file(archive).unwrap();
+    }
+}
+
+#[test]
+fn an_archive_that_unpacks_implausibly_is_refused() {
+    let (_folder, archive) = zipped_folder(Tum, |zip| {
+        zip.start_file("room/rgb/zeros.png", options()).unwrap();
+        zip.write_all(&vec![0; 64 << 20]).unwrap();
+    });
+    // The directory states fewer bytes than the member unpacks to.
+    let mut bytes = fs::read(&archive).unwrap();
+    let stated = (64u32 << 20).to_le_bytes();
+    let at = bytes.array_windows().rposition(|window: &[u8; 4]| *window == stated).unwrap();
+    bytes[at..at + 4].copy_from_slice(&100u32.to_le_bytes());
+    fs::write(&archive, bytes).unwrap();
+    refuses(&archive, &["unpacking to", "unpack to 101", "do not trust"]);
+    fs::remove_file(archive).unwrap();
+}
+
+#[test]
 fn members_that_lead_outside_are_reported_and_never_written() {
     let folder = tiny(Record3dArchive);
     let path = folder.path().join("recording.r3d");

@@ -163,8 +163,8 @@ pub(super) fn recognise(
     if let Some(archive) = folder.opened_archive() {
         return Err(DatasetError::OtherFormat {
             path: folder.path.join(archive),
-            kind: "a zip archive",
-            hint: "unpack it and open its folder",
+            kind: "a zip archive without photographs",
+            hint: "open the folder or archive of a recording",
         });
     }
     let names: Vec<&str> = folder.listing.files().collect();

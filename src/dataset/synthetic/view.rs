@@ -262,6 +262,7 @@ pub fn dataset(params: &SyntheticParams) -> Result<Dataset, ParamsError> {
         name: "synthetic room".to_owned(),
         path: None,
         is_folder: false,
+        unpacked: None,
         layout: Layout::Synthetic,
         recognised_by: "generated, no files".to_owned(),
         splits: splits.into_iter().map(split).collect(),
