@@ -10,7 +10,7 @@ use super::settings_file;
 use eframe::egui::{Id, Vec2};
 use egui_tiles::{Container, LinearDir, Tile, TileId, Tiles, Tree};
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeSet, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 
 /// Version of the stored format; other versions are rejected.
 const VERSION: u32 = 2;
@@ -45,6 +45,9 @@ pub struct WindowLayout {
     version: u32,
     pub shows_frames: bool,
     pub tree: Tree<DockPane>,
+    /// Sizes of tiles that a small window has shrunk, points: the size before, and the shrunk one.
+    #[serde(default)]
+    shrunk: HashMap<TileId, [f32; 2]>,
 }
 
 impl Default for WindowLayout {
@@ -59,7 +62,7 @@ impl Default for WindowLayout {
             linear.shares.set_share(side, WIDTH);
         }
         let tree = Tree::new(Id::unique("dock"), root, tiles);
-        Self { version: VERSION, shows_frames: true, tree }
+        Self { version: VERSION, shows_frames: true, tree, shrunk: HashMap::new() }
     }
 }
 
@@ -96,8 +99,8 @@ impl WindowLayout {
         self.tree.make_active(|_, tile| is_it(tile));
     }
 
-    /// Resizes the tiles to `size` (points). Panels keep their sizes and the viewport fills the
-    /// remaining space.
+    /// Resizes the tiles to `size` (points). Panels keep their sizes, and get them back after a small window has
+    /// shrunk them. The viewport fills the remaining space.
     pub fn resize(&mut self, size: Vec2, gap: f32) {
         let Some(mut child) = self.tree.tiles.find_pane(&DockPane::Picture) else { return };
         let mut path = Vec::new();
@@ -115,7 +118,8 @@ impl WindowLayout {
                 let others: Vec<TileId> =
                     linear.children.iter().copied().filter(|&id| id != child).collect();
                 let gaps = gap * others.len() as f32;
-                *length = fit_shares(&mut linear.shares, child, &others, *length - gaps);
+                let room = *length - gaps;
+                *length = fit_shares(&mut linear.shares, &mut self.shrunk, child, &others, room);
             }
         }
     }
@@ -125,12 +129,19 @@ impl WindowLayout {
 /// limit; `child` fills the rest of `length`. Returns the share of `child`.
 fn fit_shares(
     shares: &mut egui_tiles::Shares,
+    shrunk: &mut HashMap<TileId, [f32; 2]>,
     child: TileId,
     others: &[TileId],
     length: f32,
 ) -> f32 {
     let mut sum = 0.0;
     for &other in others {
+        // A tile that the user has resized since keeps its new size.
+        if let Some([before, after]) = shrunk.remove(&other)
+            && shares[other] == after
+        {
+            shares.set_share(other, before);
+        }
         let share = shares[other];
         if !share.is_finite() || share < MIN_POINTS {
             shares.set_share(other, NEW_SHARE * length);
@@ -141,7 +152,11 @@ fn fit_shares(
     // In a very narrow window the least width gives way too, so that some viewport remains.
     let most = (share * length).max(MIN_WIDTH.min(0.6 * length)).max(0.0);
     if sum > most {
-        others.iter().for_each(|&other| shares[other] *= most / sum);
+        for &other in others {
+            let before = shares[other];
+            shares[other] *= most / sum;
+            shrunk.insert(other, [before, shares[other]]);
+        }
         sum = most;
     }
     let rest = (length - sum).max(0.0);
@@ -261,14 +276,26 @@ mod tests {
     fn panels_keep_their_width_and_the_picture_takes_the_rest() {
         let mut layout = WindowLayout::default();
         let panel = DockPane::Panel(SideTab::Quality);
-        for (width, expected) in [(1280.0, 370.0), (2000.0, 370.0), (700.0, 325.0)] {
+        let mut widths = vec![(1280.0, 370.0), (2000.0, 370.0), (700.0, 325.0), (600.0, 325.0)];
+        // A small window shrinks panels only as long as it is small.
+        widths.extend([(500.0, 300.0), (700.0, 325.0), (1280.0, 370.0)]);
+        for (width, expected) in widths {
             layout.resize(Vec2::new(width, 600.0), 0.0);
             assert_eq!(width_of(&layout, panel), expected, "{width}");
             assert_eq!(width_of(&layout, DockPane::Picture), width - expected, "{width}");
         }
+        // A size chosen in a small window stays.
+        let root = layout.tree.root().unwrap();
+        layout.resize(Vec2::new(500.0, 600.0), 0.0);
+        let side =
+            layout.tree.tiles.find_pane(&panel).and_then(|id| layout.tree.tiles.parent_of(id));
+        if let Some(Tile::Container(Container::Linear(linear))) = layout.tree.tiles.get_mut(root) {
+            linear.shares.set_share(side.unwrap(), 200.0);
+        }
+        layout.resize(Vec2::new(1280.0, 600.0), 0.0);
+        assert_eq!(width_of(&layout, panel), 200.0);
         // As after docking a panel on the other side of the viewport.
         let id = layout.tree.tiles.find_pane(&panel).unwrap();
-        let root = layout.tree.root().unwrap();
         layout.tree.move_tile_to_container(id, root, 0, false);
         layout.resize(Vec2::new(2000.0, 600.0), 0.0);
         assert_eq!(width_of(&layout, panel), NEW_SHARE * 2000.0);

@@ -5,7 +5,8 @@ use crate::math::image::unit_to_byte;
 use crate::render::attributes::{Attribute, Range, UNKNOWN};
 use crate::render::finish::ramp;
 use eframe::egui::{
-    Align, Align2, Area, Color32, Frame, Id, Layout, Pos2, Rect, RichText, Sense, Ui, Vec2, pos2,
+    Align, Align2, Area, Color32, Context, Frame, Id, Layout, Pos2, Rect, RichText, Sense, Theme,
+    Ui, Vec2, pos2,
 };
 
 /// Colour that signals a state or severity. Text beside it states the same meaning.
@@ -35,6 +36,21 @@ impl SignalColor {
     pub fn text(self, text: impl Into<String>, ui: &Ui) -> RichText {
         RichText::new(text).color(self.for_theme(ui.visuals().dark_mode))
     }
+}
+
+/// Opacity of weak text.
+const WEAK_TEXT: f32 = 0.8;
+/// Gray level of text on dark panels, of which weak text has the contrast that small text needs.
+const TEXT_ON_DARK: u8 = 165;
+
+/// Raises the contrast of text and links. Egui draws weak text too pale.
+pub fn strengthen_text(context: &Context) {
+    context.all_styles_mut(|style| style.visuals.weak_text_alpha = WEAK_TEXT);
+    context.style_mut_of(Theme::Dark, |style| {
+        style.visuals.widgets.noninteractive.fg_stroke.color = Color32::from_gray(TEXT_ON_DARK);
+    });
+    let link = SignalColor::Blue.for_theme(false);
+    context.style_mut_of(Theme::Light, |style| style.visuals.hyperlink_color = link);
 }
 
 const BAR: Vec2 = Vec2::new(180.0, 12.0);
@@ -128,7 +144,6 @@ pub fn format_number(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use eframe::egui::Visuals;
 
     /// Returns the relative luminance as defined by WCAG 2.1.
     fn luminance(color: Color32) -> f64 {
@@ -139,17 +154,49 @@ mod tests {
         0.2126 * linear(color.r()) + 0.7152 * linear(color.g()) + 0.0722 * linear(color.b())
     }
 
+    /// Returns the contrast of text over an opaque colour as defined by WCAG 2.1.
+    fn contrast(text: Color32, below: Color32) -> f64 {
+        let pair = [luminance(below.blend(text)), luminance(below)];
+        let [least, most] = [pair[0].min(pair[1]), pair[0].max(pair[1])];
+        (most + 0.05) / (least + 0.05)
+    }
+
     #[test]
-    fn every_colour_has_the_contrast_that_small_text_needs() {
-        for (visuals, is_dark) in [(Visuals::dark(), true), (Visuals::light(), false)] {
-            for color in
-                [SignalColor::Blue, SignalColor::Green, SignalColor::Yellow, SignalColor::Red]
-            {
-                let pair = [luminance(color.for_theme(is_dark)), luminance(visuals.panel_fill)];
-                let [least, most] = [pair[0].min(pair[1]), pair[0].max(pair[1])];
-                let contrast = (most + 0.05) / (least + 0.05);
-                assert!(contrast >= 4.5, "{color:?}, dark: {is_dark}: {contrast:.2}");
+    fn all_text_of_both_themes_has_the_contrast_that_small_text_needs() {
+        let context = Context::default();
+        strengthen_text(&context);
+        for theme in [Theme::Dark, Theme::Light] {
+            let visuals = &context.style_of(theme).visuals;
+            let texts = [
+                ("text", visuals.text_color()),
+                ("weak text", visuals.weak_text_color()),
+                ("strong text", visuals.strong_text_color()),
+                ("link", visuals.hyperlink_color),
+            ];
+            let signals =
+                [SignalColor::Blue, SignalColor::Green, SignalColor::Yellow, SignalColor::Red];
+            let signals = signals.map(|color| ("signal", color.for_theme(theme == Theme::Dark)));
+            let panel = visuals.panel_fill;
+            let below = [
+                ("panel", panel),
+                ("pop-up", visuals.window_fill),
+                ("row", panel.blend(visuals.faint_bg_color)),
+                ("field", visuals.text_edit_bg_color()),
+            ];
+            for (what, text) in texts.into_iter().chain(signals) {
+                for (place, below) in below {
+                    let found = contrast(text, below);
+                    assert!(found >= 4.5, "{theme:?}: {what} {text:?} on a {place}: {found:.2}");
+                }
             }
+            let widgets = &visuals.widgets;
+            for look in [&widgets.inactive, &widgets.hovered, &widgets.active, &widgets.open] {
+                let found = contrast(look.text_color(), panel.blend(look.weak_bg_fill));
+                assert!(found >= 4.5, "{theme:?}: button {look:?}: {found:.2}");
+            }
+            let selection = visuals.selection;
+            let found = contrast(selection.stroke.color, panel.blend(selection.bg_fill));
+            assert!(found >= 4.5, "{theme:?}: selection: {found:.2}");
         }
     }
 

@@ -119,6 +119,8 @@ fn results(
             "By the correlation of fine structure with the photographs of views that were not trained",
         );
     }
+    // Above the figures, so that a low window shows all of them.
+    let next = if snapshot.state.is_at_rest() { next_steps(snapshot, finer, ui) } else { None };
     Grid::new("summary").num_columns(2).spacing([14.0, 3.0]).show(ui, |ui| {
         for (label, value) in figures(snapshot, quality, result).into_iter().chain(facts(snapshot))
         {
@@ -131,7 +133,6 @@ fn results(
             ui.end_row();
         }
     });
-    let next = if snapshot.state.is_at_rest() { next_steps(snapshot, finer, ui) } else { None };
     compares.then_some(SummaryAnswer::Compare).or(next)
 }
 
@@ -263,6 +264,7 @@ fn next_steps(snapshot: &Snapshot, finer: Option<&str>, ui: &mut Ui) -> Option<S
             offer(ui, "Retrain finer", finer, SummaryAnswer::Finer);
         }
     });
+    ui.add_space(4.0);
     answer
 }
 

@@ -16,6 +16,7 @@ use super::opening::FileProposal;
 use super::panels::menus::{BarAnswer, MenuContext};
 use super::panels::notices::NoticeBoard;
 use super::panels::quality::QualityPlot;
+use super::panels::signal_color::strengthen_text;
 use super::panels::summary::SummaryRender;
 use super::panels::{status, summary, transport};
 use super::quality::QualityMonitor;
@@ -37,7 +38,7 @@ use eframe::egui::{CentralPanel, Color32, Context, Frame, Panel, Ui, Visuals};
 use film_tools::FilmTools;
 use frames::FrameStripState;
 use glam::DVec3;
-use shell::{Shell, drop_target, strengthen_weak_text};
+use shell::{Shell, drop_target};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -105,7 +106,7 @@ impl Studio {
             .into_iter()
             .chain(problems.into_iter().map(warn))
             .for_each(|order| worker.send(order));
-        strengthen_weak_text(&context.egui_ctx);
+        strengthen_text(&context.egui_ctx);
         let fonts = SystemFonts::default();
         fonts.watch(&context.egui_ctx);
         let waker = WindowWaker::of(&context.egui_ctx);

@@ -1,7 +1,6 @@
 //! The window around the studio: graphics device, renderer, title, and reason for closing.
 
 use crate::app::drawing::{ViewRenderer, WindowWaker};
-use crate::app::panels::signal_color::SignalColor;
 use crate::app::state::Snapshot;
 use crate::app::viewer::SceneView;
 use crate::app::viewer::painter::ViewPainter;
@@ -11,7 +10,7 @@ use crate::app::viewport::WindowDevice;
 use crate::app::window::{Exit, ExitReason};
 use crate::app::window_painter::WindowPainter;
 use crate::app::worker::Waker;
-use eframe::egui::{Align2, Color32, Context, FontId, Id, LayerId, Order, Theme, ViewportCommand};
+use eframe::egui::{Align2, Color32, Context, FontId, Id, LayerId, Order, ViewportCommand};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 pub(super) struct Shell {
@@ -99,13 +98,4 @@ pub(super) fn drop_target(ctx: &Context) {
     painter.rect_filled(rect, 0.0, Color32::from_black_alpha(160));
     let font = FontId::proportional(28.0);
     painter.text(rect.center(), Align2::CENTER_CENTER, "Drop to open", font, Color32::WHITE);
-}
-
-const WEAK_TEXT: f32 = 0.8;
-
-/// Raises the contrast of weak text and links. Egui draws them too pale, particularly on white.
-pub(super) fn strengthen_weak_text(context: &Context) {
-    context.all_styles_mut(|style| style.visuals.weak_text_alpha = WEAK_TEXT);
-    let link = SignalColor::Blue.for_theme(false);
-    context.style_mut_of(Theme::Light, |style| style.visuals.hyperlink_color = link);
 }
