@@ -70,6 +70,7 @@ impl Action {
             Self::Command(UiCommand::Train) => &["start", "run", "play"],
             Self::Command(UiCommand::Pause) => &["stop"],
             Self::Command(UiCommand::Reset) => &["restart"],
+            Self::Command(UiCommand::RetrainFiner) => &["again", "sharper", "detail"],
             Self::Command(UiCommand::Help) => &["keys", "keyboard"],
             Self::Command(UiCommand::About) => &["version", "licence"],
             Self::Command(UiCommand::Follow) => &["camera stream", "recording"],

@@ -134,6 +134,8 @@ commands! {
         [], Open 1, Window NotLoading;
     Reset: ["Reset"], "Discard the trained scene and start over with the same dataset",
         [ctrl(Key::R)], Train 0, Window Trained;
+    RetrainFiner: ["Retrain finer"], "Train again with twice as many splats; this scene stays beside the new one",
+        [], Train 0, Window Trained;
     Export: ["Export…"], "Export the scene as a splat file",
         [ctrl(Key::E)], Export 0, Window Scene;
     Save: ["Save…"], "Save a checkpoint from which training can resume",

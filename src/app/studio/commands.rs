@@ -7,6 +7,7 @@ use super::dock::reset_layout;
 use super::film_tools::FilmTools;
 use crate::app::action_finder::Action;
 use crate::app::command::UiCommand;
+use crate::app::detail::finer;
 use crate::app::edit::editor::EditCounts;
 use crate::app::export_options;
 use crate::app::export_options::ExportKind;
@@ -50,6 +51,7 @@ impl Studio {
             }
             UiCommand::Follow => self.worker.send(WorkerOrder::Follow(!snapshot.following.is_on)),
             UiCommand::Reset => self.confirm_then_send(WorkerOrder::Reset, snapshot),
+            UiCommand::RetrainFiner => self.retrain_finer(snapshot),
             UiCommand::Save => self.dialogs.save.show(),
             UiCommand::Export => self.dialogs.export.show(),
             UiCommand::SavePicture => {
@@ -113,8 +115,12 @@ impl Studio {
                 let removes = command == UiCommand::RemoveModel;
                 let vain =
                     removes.then(|| self.view.comparison.remove_unavailable_reason()).flatten();
+                let refines = command == UiCommand::RetrainFiner;
+                let hidden = (refines && finer(snapshot).is_none())
+                    .then_some("Noise of the depth hides finer detail");
                 let useless = self.view.editor().unavailable_reason(command);
-                command.unavailable_reason(snapshot.state, snapshot.source).or(vain).or(useless)
+                let in_state = command.unavailable_reason(snapshot.state, snapshot.source);
+                in_state.or(vain).or(hidden).or(useless)
             }
             (Action::Tab(_), _) => None,
             (Action::Mode(mode), Some(opened)) => self.view.mode_unavailable_reason(mode, opened),

@@ -290,7 +290,6 @@ impl UnsavedWork {
                     format!("open “{}”", name.to_string_lossy())
                 }
                 WorkerOrder::Reset => "start over".to_owned(),
-                WorkerOrder::Retrain => "train it again".to_owned(),
                 WorkerOrder::Calibrate(_) => "train with this calibration".to_owned(),
                 _ => "go on".to_owned(),
             },

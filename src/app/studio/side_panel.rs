@@ -158,18 +158,23 @@ impl Studio {
                     self.view.compare_at(frame, opened);
                 }
             }
-            (Some(SummaryAnswer::Finer), _) => {
-                self.training.scene.scale = finer;
-                self.retrain(snapshot);
-            }
+            (Some(SummaryAnswer::Finer), _) => self.retrain_finer(snapshot),
             (Some(SummaryAnswer::Compare), None) => {}
         }
     }
 
-    /// Trains again on the same frames with the current settings, without changing the view.
+    /// Trains again with finer splats, if the run can be repeated and noise does not hide them.
+    pub(super) fn retrain_finer(&mut self, snapshot: &Snapshot) {
+        if let Some(scale) = finer(snapshot) {
+            self.training.scene.scale = Some(scale);
+            self.retrain(snapshot);
+        }
+    }
+
+    /// Trains again on the same frames with the current settings, without changing the view. Does not ask
+    /// before, because the scene stays as the second model.
     pub(super) fn retrain(&mut self, snapshot: &Snapshot) {
         let Some(opened) = &snapshot.opened else { return };
-        // Sent even if the user then cancels discarding: the settings apply to the next run.
         self.send_training(snapshot);
         self.view.camera.retain_for(opened);
         let scene = self.view.learned();
@@ -182,7 +187,7 @@ impl Studio {
             };
             (opened.files.clone(), before)
         });
-        self.confirm_then_send(WorkerOrder::Retrain, snapshot);
+        self.worker.send(WorkerOrder::Retrain);
     }
 
     /// Sends changed settings to the worker. The level of detail is stored for the open dataset.
