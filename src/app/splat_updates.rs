@@ -59,6 +59,23 @@ impl SplatChange {
     pub fn some(ids: Vec<u32>, splats: impl Into<SplatSet>) -> Self {
         Self::Some { ids: ids.into(), splats: Arc::new(splats.into()) }
     }
+
+    /// Adds a later change. Unlike a list of changes, the result retains only the latest textures.
+    pub fn append(&mut self, later: Self) {
+        match (&mut *self, later) {
+            (Self::All(all), Self::Some { ids, splats: new }) => {
+                Arc::make_mut(all).replace(&ids, &new);
+            }
+            (Self::Some { ids, splats }, Self::Some { ids: more, splats: new }) => {
+                let end = ids.len() + more.len();
+                let slots: Vec<u32> = (ids.len() as u32..end as u32).collect();
+                Arc::make_mut(splats).replace(&slots, &new);
+                // A slot may be listed twice; the later splat is applied last.
+                *ids = ids.iter().chain(&*more).copied().collect();
+            }
+            (_, all @ Self::All(_)) => *self = all,
+        }
+    }
 }
 
 /// Change of splats, with the attributes of each changed component in the same order. `attributes` is
@@ -130,7 +147,7 @@ pub fn apply(splats: &mut Arc<SplatSet>, change: SplatChange) -> Option<Arc<[u32
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::splat::appearance::Appearance;
+    use crate::model::splat::appearance::{Appearance, Finishing};
     use crate::model::splat::splats::Splat;
 
     const EMPTY: Splat = Splat { opacity: 0.0, ..VISIBLE };
@@ -154,6 +171,35 @@ mod tests {
         assert_eq!(changed, [None, Some([1, 3].into())]);
         assert_eq!(splats[..], [EMPTY, VISIBLE, Splat::default(), VISIBLE]);
         assert!(updates.is_empty());
+    }
+
+    #[test]
+    fn appended_changes_act_as_one_after_the_other_and_free_earlier_textures() {
+        let textured = |splats: Vec<Splat>| {
+            let textures = Arc::new(vec![None; splats.len()]);
+            let weak = Arc::downgrade(&textures);
+            let finishing = Finishing { textures: Some(textures), ..Finishing::default() };
+            (SplatSet::from(splats).finished(finishing), weak)
+        };
+        for is_whole in [false, true] {
+            let at = |x: f32| Splat { mean: [x; 3], ..VISIBLE };
+            let (first, earlier) = textured(vec![at(1.0), at(2.0)]);
+            let mut change = match is_whole {
+                true => SplatChange::all(first),
+                false => SplatChange::some(vec![0, 1], first),
+            };
+            // A thread that shares the earlier change keeps what it has.
+            let shared = change.clone();
+            let (second, latest) = textured(vec![at(3.0), at(4.0)]);
+            change.append(SplatChange::some(vec![1, 2], second));
+            let mut splats = Arc::default();
+            apply(&mut splats, shared);
+            assert_eq!(splats[..], [at(1.0), at(2.0)]);
+            assert!(earlier.upgrade().is_some());
+            apply(&mut splats, change);
+            assert_eq!(splats[..], [at(1.0), at(3.0), at(4.0)]);
+            assert!(earlier.upgrade().is_none() && latest.upgrade().is_some());
+        }
     }
 
     #[test]

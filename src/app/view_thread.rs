@@ -107,7 +107,9 @@ pub enum Announce {
 }
 
 struct Inbox<Q, A> {
-    changes: Vec<SplatChange>,
+    /// Changes since the thread last took them, as one: of several, each would retain its textures while the
+    /// thread works.
+    change: Option<SplatChange>,
     request: Option<(Q, Announce)>,
     answer: Option<Result<A, Box<dyn Any + Send>>>,
     is_working: bool,
@@ -135,7 +137,7 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
         mut work: impl FnMut(&SplatSet, Q) -> A + Send + 'static,
     ) -> std::io::Result<Self> {
         let inbox = Inbox {
-            changes: Vec::new(),
+            change: None,
             request: None,
             answer: None,
             is_working: false,
@@ -147,8 +149,8 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
         let work = move || {
             // Its own copy, so that no lock is held during the work.
             let mut splats = Arc::default();
-            while let Some((changes, request)) = next(&own) {
-                for change in changes {
+            while let Some((change, request)) = next(&own) {
+                if let Some(change) = change {
                     apply(&mut splats, change);
                     // Copied here if it is shared, rather than by the window's next change.
                     Arc::make_mut(&mut splats);
@@ -172,11 +174,10 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
 
     pub fn change(&self, change: SplatChange) {
         let mut inbox = self.requests.lock();
-        // Earlier changes have no effect any more; dropping them frees their splats.
-        if matches!(change, SplatChange::All(_)) {
-            inbox.changes.clear();
+        match &mut inbox.change {
+            Some(pending) => pending.append(change),
+            empty => *empty = Some(change),
         }
-        inbox.changes.push(change);
         // Released first, or the thread would wake only to wait for the lock.
         drop(inbox);
         self.requests.wake.notify_one();
@@ -203,10 +204,10 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
     }
 }
 
-/// Changes in order, and the request to answer after them, if any.
-type Work<Q> = (Vec<SplatChange>, Option<(Q, Announce)>);
+/// Pending change, and the request to answer after it, if any.
+type Work<Q> = (Option<SplatChange>, Option<(Q, Announce)>);
 
-/// Waits for changes or a request. Changes are returned even without a request, so that they do not
+/// Waits for a change or a request. A change is returned even without a request, so that changes do not
 /// accumulate. `None` once the handle is dropped.
 fn next<Q, A>(requests: &Requests<Q, A>) -> Option<Work<Q>> {
     let mut inbox = requests.lock();
@@ -215,10 +216,10 @@ fn next<Q, A>(requests: &Requests<Q, A>) -> Option<Work<Q>> {
             return None;
         }
         let request = inbox.request.take();
-        if request.is_some() || !inbox.changes.is_empty() {
+        if request.is_some() || inbox.change.is_some() {
             // Under the lock that takes the request, or the thread would appear idle in between.
             inbox.is_working = request.is_some();
-            return Some((std::mem::take(&mut inbox.changes), request));
+            return Some((inbox.change.take(), request));
         }
         inbox = requests.wake.wait(inbox).unwrap_or_else(PoisonError::into_inner);
     }
@@ -279,7 +280,7 @@ mod tests {
         let started = Instant::now();
         for n in 1..=3 {
             thread.change(SplatChange::all(vec![Splat::default(); n]));
-            while !thread.requests.lock().changes.is_empty() {
+            while thread.requests.lock().change.is_some() {
                 assert!(started.elapsed() < Duration::from_secs(10), "never taken");
                 std::thread::yield_now();
             }

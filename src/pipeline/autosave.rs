@@ -209,7 +209,7 @@ fn write(path: &Path, snapshot: SessionSnapshot, gate: &Gate) -> SaveOutcome {
         // Nobody reads this outcome.
         return Ok(Autosaved { frames, bytes: 0 });
     }
-    let bytes = checkpoint::write_keeping_old(path, &content).map_err(RunError::from)?;
+    let bytes = checkpoint::write_keeping_old(path, content).map_err(RunError::from)?;
     Ok(Autosaved { frames, bytes })
 }
 

@@ -8,6 +8,7 @@ use super::error::{CheckpointError, Defect, tag_text};
 use super::{check, container, mixture, scene, sections};
 use crate::export::read::read_file;
 use crate::model::attributes::StoredModel;
+use std::borrow::Borrow;
 use std::io;
 use std::io::{Read, Write};
 use std::path::Path;
@@ -80,13 +81,19 @@ pub fn write(path: &Path, checkpoint: &Checkpoint) -> Result<u64, CheckpointErro
     Ok(atomic::write_atomic(path, |out| write_to(out, checkpoint))?)
 }
 
-/// Writes like [`write()`] and retains an existing file as `<name>.bak`.
+/// Writes like [`write()`] and retains an existing file as `<name>.bak`. A checkpoint that is passed by value
+/// is dropped before the disk has the file.
 ///
 /// # Errors
 /// As [`write()`]; the older file is then untouched.
-pub fn write_keeping_old(path: &Path, checkpoint: &Checkpoint) -> Result<u64, CheckpointError> {
-    check_readable(path, checkpoint)?;
-    Ok(atomic::write_with_backup(path, |out| write_to(out, checkpoint))?)
+pub fn write_keeping_old(
+    path: &Path,
+    checkpoint: impl Borrow<Checkpoint>,
+) -> Result<u64, CheckpointError> {
+    check_readable(path, checkpoint.borrow())?;
+    // Moved into the closure: training copies each texture that it changes while the checkpoint shares it, and
+    // a flush to the disk takes much longer than writing.
+    Ok(atomic::write_with_backup(path, move |out| write_to(out, checkpoint.borrow()))?)
 }
 
 /// Returns an error for a model that could not be read back.

@@ -227,6 +227,10 @@ impl TextureSums {
     fn numbered_mut(&mut self, patch: usize, within: usize) -> &mut TexelSums {
         if self.index[patch] == ABSENT {
             self.index[patch] = self.patches.len() as u16;
+            if self.patches.len() == self.patches.capacity() {
+                // A vector would double its memory, of which scenes with textures have hundreds of megabytes.
+                self.patches.reserve_exact(self.patches.len() / 4 + 1);
+            }
             self.patches.push([TexelSums::default(); TEXELS]);
         }
         &mut self.patches[usize::from(self.index[patch])][within]

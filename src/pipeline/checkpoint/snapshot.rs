@@ -64,7 +64,7 @@ impl Session {
 
     /// Writes like [`Session::save`] and retains an existing file as `<name>.bak`.
     pub fn save_keeping_old(&self, path: &Path) -> Result<u64, RunError> {
-        Ok(checkpoint::write_keeping_old(path, &self.checkpoint()?)?)
+        Ok(checkpoint::write_keeping_old(path, self.checkpoint()?)?)
     }
 
     /// Saves the state after a panic, possibly in the middle of a frame. Removes the new file if it
