@@ -107,15 +107,24 @@ impl FrameOutcomes {
     /// Returns the state of the frame with index `index` in split number `split`. `name` is the frame's
     /// name.
     pub fn state_of(&self, (split, index): (usize, usize), name: &str) -> FrameState {
-        let is_trained = self.plan.as_ref().is_some_and(|plan| plan.split == split);
-        let position = self.positions.get(&index).filter(|_| is_trained);
-        let Some(&position) = position else { return FrameState::NotInRun };
+        let Some(position) = self.position_of((split, index)) else { return FrameState::NotInRun };
         match (self.outcomes.get(&position), self.skipped_index.get(name)) {
             (Some(&outcome), _) => FrameState::Trained(position, Some(outcome)),
             (None, Some(&at)) => FrameState::Skipped(self.skipped[at].message.clone()),
             (None, None) if position < self.n_processed => FrameState::Trained(position, None),
             (None, None) => FrameState::Pending(position),
         }
+    }
+
+    /// Returns the position of a frame in the training order; `None` if it is not part of the run.
+    fn position_of(&self, (split, index): (usize, usize)) -> Option<usize> {
+        let is_trained = self.plan.as_ref().is_some_and(|plan| plan.split == split);
+        self.positions.get(&index).copied().filter(|_| is_trained)
+    }
+
+    /// Returns the number of frames that were processed when the frame was; `None` if it was not yet.
+    pub fn n_seen_at(&self, frame: (usize, usize)) -> Option<usize> {
+        self.position_of(frame).filter(|&at| at < self.n_processed).map(|at| at + 1)
     }
 
     /// Returns the position of the last processed frame in the training order; `None` if no frame was

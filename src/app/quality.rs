@@ -401,10 +401,10 @@ impl QualityMonitor {
             options,
             near_rule: NearRule::of(opened.method.as_ref().map(Method::preset)),
             at: match past {
-                Some(scene) => (scene.after.n_trained, scene.after.seconds, scene.splats.len()),
+                Some(scene) => (scene.after.n_trained, scene.after.seconds, scene.n_splats),
                 None => (snapshot.frames_done, snapshot.pace.trained_s, snapshot.model.used),
             },
-            scene: past.map(|scene| scene.splats.clone()),
+            scene: past.cloned(),
             settled: snapshot.includes_pending_photographs,
         };
         if self.thread.is_none() {
@@ -479,7 +479,7 @@ struct QualityQuery {
     /// Number of frames, seconds of training and number of components at the time of the query.
     at: (usize, f64, usize),
     /// Earlier scene to measure; `None` is the newest one.
-    scene: Option<Arc<SplatSet>>,
+    scene: Option<PastScene>,
     settled: bool,
 }
 
@@ -501,10 +501,14 @@ fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAnswer
     ViewThread::start("quality", waker, move |splats: &SplatSet, query: QualityQuery| {
         let started = Instant::now();
         let QualityQuery { dataset, split, views, scene, .. } = &query;
-        let splats = scene.as_deref().unwrap_or(splats);
-        let options = query.options_for(splats);
-        let measure = || evaluate(splats, dataset, *split, views, &options, |_| {});
         let scores = catch_measurement(|| {
+            let read = |scene: &PastScene| {
+                scene.splats().map_err(|error| format!("a stored scene cannot be read: {error}"))
+            };
+            let past = scene.as_ref().map(read).transpose()?;
+            let splats = past.as_deref().unwrap_or(splats);
+            let options = query.options_for(splats);
+            let measure = || evaluate(splats, dataset, *split, views, &options, |_| {});
             let (_, scores) = alone.install(measure).map_err(|error| error.to_string())?;
             Ok(scores)
         });

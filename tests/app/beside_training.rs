@@ -110,7 +110,7 @@ fn press(window: &mut Window, pressed: bool) {
 /// Turns off the stored copies of earlier frames, as the user can.
 fn keep_no_past(window: &mut Window) {
     click(window, "Edit");
-    window.get_by_label("Memory for earlier frames").focus();
+    window.get_by_label("Disk space for earlier frames").focus();
     window.run_steps(3);
     window.key_press_modifiers(Modifiers::COMMAND, Key::A);
     window.event(Event::Text("0".to_owned()));

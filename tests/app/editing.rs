@@ -197,7 +197,7 @@ fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
     wait(&mut window, "the past", move |s| s.n_drawn() == drawn);
     window.get_by_label("Scene after frame 1 of 6 (Edit)");
     let past = window.state().view().editor().displayed_past().unwrap().clone();
-    assert!(past.after.n_seen == 1 && *past.splats == *splats, "other splats");
+    assert!(past.after.n_seen == 1 && *past.splats().unwrap() == *splats, "other splats");
     assert!(settled(&mut window) == first, "the picture differs from the one shown after frame 1");
     step_to(&mut window, 4);
     assert!(settled(&mut window) == first, "what is trained is not shown");

@@ -143,7 +143,6 @@ fn the_summary_at_the_end_trains_again_finer_and_the_view_stays() {
     wait(&mut window, "quality", |s| s.quality().result().is_some());
     let (before, eye) = (window.state().snapshot(), window.state().view().camera.eye());
     click(&mut window, "Retrain finer");
-    click(&mut window, "Discard");
     wait(&mut window, "the end of the finer run", |s| {
         let now = s.snapshot();
         now.state == RunState::Finished && now.model.used > before.model.used
@@ -217,6 +216,7 @@ fn a_textured_run_keeps_ten_scenes_within_the_budget() {
     let kept: Vec<usize> = stored.moments().iter().map(|moment| moment.after.n_seen).collect();
     let largest = kept.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap();
     assert!(kept.len() >= 10 && largest <= 25, "{kept:?}");
-    let (_, of_textures) = stored.moments().last().unwrap().splats.finishing().texture_size();
-    assert!(of_textures > 10_000_000 && stored.bytes() <= 192_000_000, "{of_textures}");
+    let last = stored.moments().last().unwrap().splats().unwrap();
+    let (_, of_textures) = last.finishing().texture_size();
+    assert!(of_textures > 10_000_000 && stored.bytes() <= 512_000_000, "{of_textures}");
 }

@@ -2,7 +2,7 @@
 
 use super::marks::{EditLog, Edits, LeftOut, Mark, SelectMode};
 use super::past::{PastScene, PastScenes};
-use super::visible::{VisibilityRules, VisibleSplats};
+use super::visible::{ShownPast, VisibilityRules, VisibleSplats};
 use crate::app::command::UiCommand;
 use crate::app::palette::Palette;
 use crate::app::panels::quality::EvidenceHistogram;
@@ -35,6 +35,8 @@ pub struct Editor {
     /// scene.
     pub earlier_frames: Option<usize>,
     pub stored_scenes: PastScenes,
+    /// Stored scene that was read last, while one is displayed.
+    read_past: Option<ShownPast>,
     /// True if a panel needs component attributes. Set by the panels; reset at the end of every egui pass.
     pub needs_attributes: bool,
     /// True if the viewport shows the crop box and its handles. Set by the edit panel; reset at the end of
@@ -84,13 +86,33 @@ impl Editor {
     /// Applies the current edits to the displayed splats. Returns the resulting change to be painted, if
     /// any.
     pub fn update_visible(&mut self, palette: &Palette) -> Option<SplatChange> {
-        let rules =
-            VisibilityRules { edits: self.edits().clone(), past: self.displayed_past().cloned() };
+        self.stored_scenes.release_written();
+        self.read_past();
+        let rules = VisibilityRules { edits: self.edits().clone(), past: self.read_past.clone() };
         let change = self.visible.set_rules(rules, palette.splats());
         if change.is_some() {
             (self.counts, self.evidence) = (None, None);
         }
         change
+    }
+
+    /// Reads the earlier scene to display, unless it is the one that was read last.
+    fn read_past(&mut self) {
+        let Some(moment) = self.displayed_past() else { return self.read_past = None };
+        if self.read_past.as_ref().is_some_and(|read| read.moment == *moment) {
+            return;
+        }
+        match ShownPast::read(moment) {
+            Ok(read) => {
+                // Read by the test that drives the program with a mouse (`tests/app/journey.rs`).
+                tracing::debug!("shown: the scene after frame {}", moment.after.n_seen);
+                self.read_past = Some(read);
+            }
+            Err(error) => {
+                tracing::warn!("a stored scene of this run cannot be read again: {error}");
+                (self.read_past, self.earlier_frames) = (None, None);
+            }
+        }
     }
 
     pub fn displayed_splats<'a>(&'a self, palette: &'a Palette) -> &'a Arc<SplatSet> {

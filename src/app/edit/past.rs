@@ -1,18 +1,21 @@
 //! Copies of the scene as it was after earlier frames.
 //!
 //! The viewport already receives every splat that training changes, so a copy costs the trainer nothing. A
-//! separate thread makes the copy, which would otherwise delay the window by some milliseconds. Until the
-//! copy is finished, the stored state shares its memory with the current scene (copy on write). Copies share
-//! the textures that did not change in between. The number and the total size of the copies are bounded:
-//! beyond either bound, the copy is dropped whose neighbours are closest to each other. So as many remain as
-//! fit, at most a few dozen, and the intervals between them differ by a factor of about two. Copies are exact
-//! and include the appearance of the splats.
+//! separate thread writes the copy to a file without a name, because the textures of a phone's recording take
+//! tens of megabytes in each. Until it is written, the copy shares its memory with the current scene (copy on
+//! write). The number and the total size of the copies are bounded: beyond either bound, the copy is dropped
+//! whose neighbours are closest to each other. So as many remain as fit, at most a few dozen, and the intervals
+//! between them differ by a factor of about two. Copies are exact and include appearance and textures.
 
 use crate::app::splat_updates::RunMoment;
-use crate::model::splat::appearance::{Appearance, SplatSet};
+use crate::app::user_folders;
+use crate::model::splat::appearance::{Appearance, Finishing, SplatSet};
 use crate::model::splat::splats::Splat;
-use crate::model::splat::texture::Texture;
-use std::sync::Arc;
+use crate::model::splat::texture::{Lattice, Texture, Textures};
+use bytemuck::{Pod, Zeroable, cast_slice, cast_slice_mut, zeroed_vec};
+use std::fs::File;
+use std::io::{BufReader, BufWriter, Error, Read, Result as IoResult, Seek, Write};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, JoinHandle};
 
 /// Maximum number of stored scenes, which is enough for the slider that selects one.
@@ -21,11 +24,18 @@ const MAX_MOMENTS: usize = 32;
 #[derive(Clone, Debug)]
 pub struct PastScene {
     pub after: RunMoment,
-    /// Splats in their learned colours.
-    pub splats: Arc<SplatSet>,
+    pub n_splats: usize,
+    content: PastContent,
     serial: u64,
-    /// Memory that the copy before does not share, bytes.
+    /// Size of the copy, bytes.
     bytes: usize,
+}
+
+#[derive(Clone, Debug)]
+enum PastContent {
+    /// Not written yet.
+    Shared(Arc<SplatSet>),
+    Written(Arc<SceneFile>),
 }
 
 impl PartialEq for PastScene {
@@ -35,13 +45,25 @@ impl PartialEq for PastScene {
     }
 }
 
+impl PastScene {
+    /// Returns the splats in their learned colours. Usually reads them from a file.
+    pub fn splats(&self) -> IoResult<Arc<SplatSet>> {
+        match &self.content {
+            PastContent::Shared(splats) => Ok(splats.clone()),
+            PastContent::Written(file) => file.read().map(Arc::new),
+        }
+    }
+}
+
 /// Stored earlier scenes of a run, in ascending order of frames.
 #[derive(Debug, Default)]
 pub struct PastScenes {
     moments: Vec<PastScene>,
     serial: u64,
-    /// Threads that copy a scene, each with the serial number of its copy.
-    copies: Vec<(u64, JoinHandle<SplatSet>)>,
+    /// Threads that write a scene, each with the serial number of its copy.
+    writers: Vec<(u64, JoinHandle<IoResult<SceneFile>>)>,
+    /// True once a copy could not be written; no more are made in this run.
+    has_failed: bool,
 }
 
 impl PastScenes {
@@ -52,33 +74,42 @@ impl PastScenes {
             // The run was restarted.
             *self = Self { serial: self.serial, ..Self::default() };
         }
-        if n_frames == 0 || !self.is_due(n_frames) {
+        if n_frames == 0 || self.has_failed || !self.is_due(n_frames) {
             return;
         }
+        let bytes = bytes_of(scene);
         // A copy larger than the budget would displace all others.
-        if bytes_beyond(None, scene) > budget {
+        if bytes > budget {
             return;
         }
         self.serial += 1;
-        let (splats, serial) = (scene.clone(), self.serial);
-        let bytes = bytes_beyond(self.moments.last(), scene);
-        self.moments.push(PastScene { after, splats, serial, bytes });
+        let (content, serial) = (PastContent::Shared(scene.clone()), self.serial);
+        self.moments.push(PastScene { after, n_splats: scene.len(), content, serial, bytes });
         let shared = scene.clone();
-        let copy = move || SplatSet::clone(&shared);
         // Without a thread the copy keeps sharing memory with the scene.
-        if let Ok(copy) = Builder::new().name("past".into()).spawn(copy) {
-            self.copies.push((self.serial, copy));
+        if let Ok(writer) =
+            Builder::new().name("past".into()).spawn(move || SceneFile::write(&shared))
+        {
+            self.writers.push((self.serial, writer));
         }
         self.thin(budget);
     }
 
-    /// Replaces stored scenes that share memory with the current scene by their finished copies. Must be
-    /// called before the current scene changes; the change would otherwise copy the whole scene.
-    pub fn install_finished_copies(&mut self) {
-        for (serial, copy) in self.copies.extract_if(.., |(_, copy)| copy.is_finished()) {
-            let moment = self.moments.iter_mut().find(|moment| moment.serial == serial);
-            if let (Some(moment), Ok(splats)) = (moment, copy.join()) {
-                moment.splats = Arc::new(splats);
+    /// Releases the memory of copies that have been written. Must be called before the current scene changes;
+    /// the change would otherwise copy the splats that a copy still shares.
+    pub fn release_written(&mut self) {
+        for (serial, writer) in self.writers.extract_if(.., |(_, writer)| writer.is_finished()) {
+            let Some(at) = self.moments.iter().position(|moment| moment.serial == serial) else {
+                continue; // dropped meanwhile
+            };
+            let panicked = || Err(Error::other("the writing thread panicked"));
+            match writer.join().unwrap_or_else(|_| panicked()) {
+                Ok(file) => self.moments[at].content = PastContent::Written(Arc::new(file)),
+                Err(error) => {
+                    tracing::warn!("the history of this run ends: storing a scene failed: {error}");
+                    self.moments.remove(at);
+                    self.has_failed = true;
+                }
             }
         }
     }
@@ -96,7 +127,7 @@ impl PastScenes {
         &self.moments
     }
 
-    /// Returns the memory of all copies, bytes.
+    /// Returns the size of all copies, bytes.
     pub fn bytes(&self) -> usize {
         self.moments.iter().map(|moment| moment.bytes).sum()
     }
@@ -115,34 +146,122 @@ impl PastScenes {
             // The first and the last one are dropped only if no other is left.
             let densest = gaps.enumerate().min_by_key(|(_, gap)| *gap).map_or(0, |(i, _)| i + 1);
             self.moments.remove(densest);
-            let (before, after) = self.moments.split_at_mut(densest);
-            if let Some(next) = after.first_mut() {
-                next.bytes = bytes_beyond(before.last(), &next.splats);
-            }
         }
     }
 }
 
-/// Returns the memory of a scene, bytes, without textures that the scene before shares.
-fn bytes_beyond(before: Option<&PastScene>, scene: &SplatSet) -> usize {
-    let textures_of = |scene: &SplatSet| scene.finishing().textures.clone().unwrap_or_default();
-    let before = before.map(|before| textures_of(&before.splats)).unwrap_or_default();
-    let own = |(slot, texture): (usize, &Option<Arc<Texture>>)| {
-        let texture = texture.as_ref()?;
-        let former = before.get(slot).and_then(Option::as_ref);
-        let is_shared = former.is_some_and(|former| Arc::ptr_eq(former, texture));
-        (!is_shared).then(|| texture.bytes())
-    };
-    textures_of(scene).iter().enumerate().filter_map(own).sum::<usize>()
+/// Returns the size of a copy of a scene, bytes.
+fn bytes_of(scene: &SplatSet) -> usize {
+    let (_, of_textures) = scene.finishing().texture_size();
+    of_textures
         + size_of_val::<[Splat]>(scene)
         + size_of_val::<[Appearance]>(scene.view().appearance())
+}
+
+/// Scene in a file without a name, which the system removes when it is closed.
+#[derive(Debug)]
+struct SceneFile {
+    // Locked, because reading moves its position.
+    file: Mutex<File>,
+    n_splats: usize,
+    n_appearance: usize,
+    /// Length of the list of textures, if there is one.
+    n_textures: Option<usize>,
+    /// Parameters other than textures.
+    finishing: Finishing,
+}
+
+/// Row of the file about the texture of a splat, before its texels. Of zeros if there is none.
+#[derive(Clone, Copy, Default, Pod, Zeroable)]
+#[repr(C)]
+struct TextureRow {
+    anchor: [f32; 3],
+    axes: [[f32; 3]; 2],
+    half: f32,
+    level: u32,
+    n_places: u32,
+    n_patches: u32,
+}
+
+impl SceneFile {
+    fn write(scene: &SplatSet) -> IoResult<Self> {
+        let (view, finishing) = (scene.view(), scene.finishing());
+        let mut out = BufWriter::with_capacity(1 << 16, unnamed_file()?);
+        out.write_all(cast_slice(view.splats()))?;
+        out.write_all(cast_slice(view.appearance()))?;
+        for texture in finishing.textures.iter().flat_map(|textures| textures.iter()) {
+            let Some(Texture { lattice, index, patches }) = texture.as_deref() else {
+                out.write_all(bytemuck::bytes_of(&TextureRow::default()))?;
+                continue;
+            };
+            let Lattice { anchor, axes, half, level } = *lattice;
+            let level = level.into();
+            let (n_places, n_patches) = (index.len() as u32, patches.len() as u32);
+            let row = TextureRow { anchor, axes, half, level, n_places, n_patches };
+            out.write_all(bytemuck::bytes_of(&row))?;
+            out.write_all(cast_slice(index))?;
+            out.write_all(cast_slice(patches))?;
+        }
+        Ok(Self {
+            file: Mutex::new(out.into_inner().map_err(|error| error.into_error())?),
+            n_splats: view.splats().len(),
+            n_appearance: view.appearance().len(),
+            n_textures: finishing.textures.as_ref().map(|textures| textures.len()),
+            finishing: finishing.without_textures(),
+        })
+    }
+
+    fn read(&self) -> IoResult<SplatSet> {
+        // A panic while reading leaves nothing but a position, which every read sets.
+        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+        file.rewind()?;
+        let mut input = BufReader::with_capacity(1 << 16, &mut *file);
+        let splats: Vec<Splat> = read_rows(&mut input, self.n_splats)?;
+        let appearance: Vec<Appearance> = read_rows(&mut input, self.n_appearance)?;
+        let mut texture = || -> IoResult<Option<Arc<Texture>>> {
+            let mut row = [TextureRow::default()];
+            input.read_exact(cast_slice_mut(&mut row))?;
+            let [TextureRow { anchor, axes, half, level, n_places, n_patches }] = row;
+            if n_places == 0 {
+                return Ok(None);
+            }
+            // Levels are written from eight bits.
+            let lattice = Lattice { anchor, axes, half, level: level as u8 };
+            let index = read_rows(&mut input, n_places as usize)?;
+            let patches = read_rows(&mut input, n_patches as usize)?;
+            Ok(Some(Arc::new(Texture { lattice, index, patches })))
+        };
+        let textures = self.n_textures.map(|n| (0..n).map(|_| texture()).collect());
+        let textures = textures.transpose()?.map(|textures: Textures| Arc::new(textures));
+        let set = match appearance.is_empty() {
+            true => SplatSet::from(splats),
+            false => SplatSet::new(splats, appearance),
+        };
+        Ok(set.finished(Finishing { textures, ..self.finishing.clone() }))
+    }
+}
+
+fn read_rows<T: Pod>(input: &mut impl Read, n: usize) -> IoResult<Vec<T>> {
+    let mut rows = zeroed_vec(n);
+    input.read_exact(cast_slice_mut(&mut rows))?;
+    Ok(rows)
+}
+
+/// Creates a file without a name in the state folder, else in the folder for temporary files, which may be
+/// in memory.
+fn unnamed_file() -> IoResult<File> {
+    let in_state = || {
+        let folder = user_folders::state()?;
+        std::fs::create_dir_all(&folder).ok()?;
+        tempfile::tempfile_in(folder).ok()
+    };
+    in_state().map_or_else(tempfile::tempfile, Ok)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::splat::appearance::Finishing;
-    use crate::model::splat::texture::Lattice;
+    use crate::model::splat::texture::{TEXELS, Texel};
 
     fn at(n_seen: usize) -> RunMoment {
         RunMoment { n_seen, ..RunMoment::default() }
@@ -177,7 +296,7 @@ mod tests {
 
     #[test]
     fn moments_keep_to_the_budget_and_none_is_kept_that_exceeds_it_alone() {
-        let budget = 10 * bytes_beyond(None, &scene(100));
+        let budget = 10 * bytes_of(&scene(100));
         let mut past = PastScenes::default();
         for n in 1..200 {
             past.record(at(n), &scene(n.min(100)), budget);
@@ -193,59 +312,53 @@ mod tests {
         assert!(past.moments().is_empty());
     }
 
+    fn wait_until_written(past: &mut PastScenes) {
+        while !past.writers.is_empty() {
+            std::thread::yield_now();
+            past.release_written();
+        }
+    }
+
     #[test]
-    fn a_moment_stays_what_it_was_and_shares_nothing_once_it_is_copied() {
+    fn a_moment_stays_what_it_was_and_shares_nothing_once_it_is_written() {
         let (mut past, mut now) = (PastScenes::default(), scene(1000));
         let changed = Splat { opacity: 0.5, ..Splat::default() };
         for n_frames in 1..=4 {
             past.record(at(n_frames), &now, usize::MAX);
-            // Copying may finish before or after the next change; both must be correct.
+            // Writing may finish before or after the next change; both must be correct.
             if n_frames % 2 == 0 {
-                while Arc::strong_count(&now) > 1 {
-                    std::thread::yield_now();
-                    past.install_finished_copies();
-                }
+                wait_until_written(&mut past);
+                assert_eq!(Arc::strong_count(&now), 1);
             }
             Arc::make_mut(&mut now).replace(&[n_frames as u32], &vec![changed].into());
-            past.install_finished_copies();
+            past.release_written();
         }
         for moment in past.moments() {
-            let n_changed = moment.splats.iter().filter(|splat| splat.opacity == 0.5).count();
+            let splats = moment.splats().unwrap();
+            let n_changed = splats.iter().filter(|splat| splat.opacity == 0.5).count();
             assert_eq!(n_changed, moment.after.n_seen - 1);
         }
         assert_ne!(past.moments()[0], past.moments()[1]);
     }
 
     #[test]
-    fn a_texture_that_several_moments_share_counts_once() {
-        let texture = |n_patches| {
-            let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-            let lattice = Lattice { anchor: [0.0; 3], axes, half: 1.0, level: 0 };
-            Arc::new(Texture {
-                lattice,
-                index: vec![0],
-                patches: vec![Default::default(); n_patches],
-            })
+    fn a_written_scene_is_read_as_it_was() {
+        let texture = |level: u8| {
+            let axes = [[1.0, 0.0, 0.0], [0.0, 0.5, 0.5]];
+            let lattice = Lattice { anchor: [1.0, 2.0, 3.0], axes, half: 0.25, level };
+            let patches = vec![[Texel(7 + u32::from(level)); TEXELS]; level.into()];
+            Some(Arc::new(Texture { lattice, index: vec![0; 1 << (2 * level)], patches }))
         };
-        let (large, small) = (texture(1000), texture(1));
-        let with = |textures: [&Arc<Texture>; 2]| {
-            let textures = textures.map(|texture| Some(texture.clone()));
-            let textures = Some(Arc::new(textures.to_vec()));
-            Arc::new(
-                SplatSet::from(vec![Splat::default(); 2])
-                    .finished(Finishing { textures, ..Finishing::default() }),
-            )
-        };
-        let plain = bytes_beyond(None, &scene(2));
-        let mut past = PastScenes::default();
-        for n in 1..=3 {
-            past.record(at(n), &with([&large, &texture(1)]), usize::MAX);
-        }
-        let expected = |n: usize| n * (plain + small.bytes()) + large.bytes();
-        assert_eq!(past.bytes(), expected(3));
-        for kept in [vec![1, 3], vec![3]] {
-            past.set_budget(past.bytes() - 1);
-            assert_eq!((past.bytes(), frames(&past)), (expected(kept.len()), kept));
+        let textures = Some(Arc::new(vec![None, texture(2), texture(0)]));
+        let finishing = Finishing { full_coverage: 0.5, textures, ..Finishing::default() };
+        let look = Appearance { gradient: [[0.5; 3]; 3], ..Appearance::default() };
+        let mut rich = SplatSet::from(vec![Splat::default(); 3]);
+        rich.push(Splat { opacity: 0.7, ..Splat::default() }, look);
+        for scene in [rich.clone().finished(finishing), rich, SplatSet::default()] {
+            let file = SceneFile::write(&scene).unwrap();
+            for _ in 0..2 {
+                assert_eq!(file.read().unwrap(), scene);
+            }
         }
     }
 

@@ -9,14 +9,35 @@ use crate::model::splat::splats::Splat;
 use crate::render::Lens;
 use crate::render::finish::MARKER_COLOR;
 use glam::{DVec2, DVec3};
+use std::io::Result as IoResult;
 use std::sync::Arc;
+
+/// Earlier scene that is displayed.
+#[derive(Clone, Debug)]
+pub struct ShownPast {
+    pub moment: PastScene,
+    splats: Arc<SplatSet>,
+}
+
+impl PartialEq for ShownPast {
+    fn eq(&self, other: &Self) -> bool {
+        self.moment == other.moment
+    }
+}
+
+impl ShownPast {
+    /// Reads a stored scene.
+    pub fn read(moment: &PastScene) -> IoResult<Self> {
+        Ok(Self { moment: moment.clone(), splats: moment.splats()? })
+    }
+}
 
 /// Conditions that determine how every splat is displayed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct VisibilityRules {
     pub edits: Edits,
-    /// Stored earlier scene that is displayed instead of the current one, if any.
-    pub past: Option<PastScene>,
+    /// Earlier scene that is displayed instead of the current one, if any.
+    pub past: Option<ShownPast>,
 }
 
 impl VisibilityRules {

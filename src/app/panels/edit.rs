@@ -173,9 +173,9 @@ fn budget(view: &mut SceneView, ui: &mut Ui) {
     };
     let taken = past.bytes() as f64 / 1e6;
     ui.horizontal_wrapped(|ui| {
-        ui.label(format!("{copies} stored, {taken:.1} MB of at most"));
+        ui.label(format!("{copies} on disk, {taken:.1} MB of at most"));
         let value = DragValue::new(&mut budget).range(0..=MAX_PAST_MB).suffix(" MB");
-        let value = named(ui.add(value), "Memory for earlier frames");
+        let value = named(ui.add(value), "Disk space for earlier frames");
         value.on_hover_text("Beyond this limit, every other copy is dropped");
     });
     if budget != view.settings.panels.past_mb {

@@ -1,4 +1,5 @@
-//! Strip of the dataset's frames with their state and PSNR. Selects the camera of the viewport.
+//! Strip of the dataset's frames with their state and PSNR. Selects the camera of the viewport. A timeline
+//! above the frames marks the stored scenes of the run and walks back to them.
 //!
 //! Only visible frames are laid out and decoded, so the cost does not depend on the length of the dataset.
 
@@ -14,7 +15,7 @@ use crate::eval::report::ViewReport;
 use eframe::egui::scroll_area::{DragScroll, ScrollSource};
 use eframe::egui::{
     Align2, Button, Color32, FontId, Label, Rangef, Rect, Response, RichText, Role, ScrollArea,
-    Sense, Stroke, StrokeKind, TextureHandle, Ui, Vec2, WidgetInfo, pos2,
+    Sense, Shape, Stroke, StrokeKind, TextureHandle, Ui, Vec2, WidgetInfo, pos2,
 };
 
 /// Minimum and maximum height of the strip with its header, points.
@@ -31,6 +32,10 @@ pub struct StripContext<'a> {
     pub quality: &'a QualityMonitor,
     /// Frame whose camera the viewport shows.
     pub shown: Option<&'a FrameRef>,
+    /// Numbers of processed frames of which a scene is stored, ascending.
+    pub moments: &'a [usize],
+    /// The one of the earlier scene that the viewport shows, if it shows one.
+    pub earlier: Option<usize>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -39,6 +44,8 @@ pub enum StripAnswer {
     Show(FrameRef),
     /// Shows the camera of a frame while the pointer is held down.
     Preview(FrameRef),
+    /// Shows the scene as it was after this number of frames; `None` shows the newest one.
+    WalkBack(Option<usize>),
 }
 
 /// Serial number of the open dataset, and number of the frame last scrolled to.
@@ -62,6 +69,14 @@ pub fn header(context: &StripContext<'_>, ui: &mut Ui) -> Option<StripAnswer> {
         };
         ui.add(Label::new(RichText::new(camera).size(SIZE)).extend());
         step(UiCommand::NextCamera, Direction::Forth, ui);
+        if let Some(earlier) = context.earlier {
+            let text = SignalColor::Yellow.text(format!("Scene after frame {earlier}"), ui);
+            ui.add(Label::new(text.size(SIZE)).extend());
+            let button = ui.add(Button::new("Newest scene").small());
+            if button.on_hover_text("Show the scene as it is now").clicked() {
+                asked = Some(StripAnswer::WalkBack(None));
+            }
+        }
         let live = recording_status(snapshot);
         if let Some((text, hint)) = &live {
             ui.label(SignalColor::Green.text(text, ui).size(SIZE)).on_hover_text(hint);
@@ -121,6 +136,7 @@ pub fn ui(
             let Some(frame) = FrameRef::numbered(dataset, number) else { continue };
             let corner = pos2(start.x + number as f32 * width, start.y);
             let rect = Rect::from_min_size(corner, Vec2::new(width, height));
+            let rect = rect.with_min_y(rect.top() + TIMELINE);
             let response = draw_frame(context, &frame, thumbnails.as_deref_mut(), rect, ui);
             if response.clicked() {
                 asked = Some(StripAnswer::Show(frame));
@@ -132,8 +148,59 @@ pub fn ui(
                 asked = FrameRef::numbered(dataset, at).map(StripAnswer::Preview);
             }
         }
+        let timeline = Rect::from_min_size(start, Vec2::new(n as f32 * width, TIMELINE));
+        asked = timeline_ui(context, timeline.intersect(ui.clip_rect()), (start.x, width), ui)
+            .or(asked.take());
     });
     asked
+}
+
+/// Height of the row above the frames that marks stored scenes and holds the playhead, points.
+const TIMELINE: f32 = 10.0;
+
+/// Draws a mark for each stored scene above the frame trained last before it, and the playhead. Dragging over
+/// the row, or a click on it, walks back to the latest scene stored at that frame. `start` is where the frames
+/// begin, `width` that of one.
+fn timeline_ui(
+    context: &StripContext<'_>,
+    row: Rect,
+    (start, width): (f32, f32),
+    ui: &mut Ui,
+) -> Option<StripAnswer> {
+    let StripContext { opened, outcomes, moments, earlier, .. } = context;
+    let n_seen = outcomes.latest_position()? + 1;
+    let dataset = opened.dataset.as_ref().filter(|_| !moments.is_empty())?;
+    let middle_of = |n_seen: usize| {
+        let frame = FrameRef::trained(opened, n_seen.checked_sub(1)?)?;
+        Some(pos2(start + (frame.number() as f32 + 0.5) * width, row.center().y))
+    };
+    let id = ui.scope_id().with("timeline");
+    let response = ui.interact(row, id, Sense::CLICK | Sense::DRAG);
+    let shown = earlier.unwrap_or(n_seen);
+    response.widget_info(|| WidgetInfo::slider(true, shown as f64, "Walk back"));
+    let (painter, visuals) = (ui.painter(), ui.visuals());
+    let line = Stroke::new(1.0, visuals.weak_text_color().gamma_multiply(0.4));
+    painter.hline(row.x_range(), row.center().y, line);
+    for at in moments.iter().filter_map(|&moment| middle_of(moment)) {
+        painter.circle_filled(at, 2.5, visuals.weak_text_color());
+    }
+    if let Some(at) = middle_of(shown) {
+        let half = Vec2::new(5.0, 0.5 * TIMELINE);
+        let corners = [at - half, at + Vec2::new(half.x, -half.y), at + Vec2::new(0.0, half.y)];
+        let edge = Stroke::new(1.0, visuals.panel_fill);
+        painter.add(Shape::convex_polygon(corners.to_vec(), LATEST, edge));
+    }
+    let response = response.on_hover_text("Drag: the scene as it was after a frame");
+    let pointer =
+        response.interact_pointer_pos().filter(|_| response.dragged() || response.clicked())?;
+    let last = FrameRef::first(dataset)?.n_frames() - 1;
+    let number = ((pointer.x - start) / width).clamp(0.0, last as f32) as usize;
+    // Held-out frames and those that wait belong to the trained one before them.
+    let mut seen = (0..=number)
+        .rev()
+        .filter_map(|number| outcomes.n_seen_at(FrameRef::numbered(dataset, number)?.position()));
+    let asked = seen.next().unwrap_or(1).max(moments[0]);
+    Some(StripAnswer::WalkBack((asked < n_seen).then_some(asked)))
 }
 
 fn width_of(opened: &Opened, height: f32) -> f32 {
@@ -143,7 +210,7 @@ fn width_of(opened: &Opened, height: f32) -> f32 {
         k.width as f32 / k.height as f32
     });
     // Photograph and depth are one above the other.
-    ((0.5 * pictures_height(height)).max(1.0) * aspect + 2.0 * MARGIN).max(MIN_WIDTH)
+    ((0.5 * pictures_height(height - TIMELINE)).max(1.0) * aspect + 2.0 * MARGIN).max(MIN_WIDTH)
 }
 
 /// Returns the number of the frame to scroll to, if the viewport or training moved to another frame.
@@ -246,6 +313,7 @@ impl FrameCell<'_> {
     }
 }
 
+/// Returns the height of both pictures of a frame of this height.
 fn pictures_height(height: f32) -> f32 {
     height - BAR - CAPTION - 3.0 * MARGIN
 }

@@ -40,6 +40,10 @@ impl FrameStripState {
         };
         self.outcomes.update(snapshot);
         let shown = view.camera.frame_ref().cloned();
+        let editor = view.editor();
+        let moments: Vec<usize> =
+            editor.stored_scenes.moments().iter().map(|moment| moment.after.n_seen).collect();
+        let earlier = editor.displayed_past().map(|past| past.after.n_seen);
         let mut thumbnails = view.thumbnails(opened);
         if let Some(thumbnails) = &mut thumbnails {
             thumbnails.set_yields_cores(snapshot.state == RunState::Training);
@@ -51,6 +55,8 @@ impl FrameStripState {
             outcomes: &self.outcomes,
             quality,
             shown: shown.as_ref(),
+            moments: &moments,
+            earlier,
         };
         let scrolled_to = &mut self.scrolled_to;
         let asked = if is_open {
@@ -83,6 +89,7 @@ impl FrameStripState {
         match asked {
             None => {}
             Some(StripAnswer::Step(direction)) => view.camera.step(opened, direction),
+            Some(StripAnswer::WalkBack(n_frames)) => view.editor.earlier_frames = n_frames,
             Some(StripAnswer::Show(frame)) => view.camera.move_to_frame(frame),
             Some(StripAnswer::Preview(frame)) => {
                 if self.before.is_none() {

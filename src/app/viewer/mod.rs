@@ -89,7 +89,7 @@ impl SceneView {
         // Passed on before the palette consumes the update and recolours it.
         self.comparison.change(update.change.clone());
         let at = update.after;
-        self.editor.stored_scenes.install_finished_copies();
+        self.editor.stored_scenes.release_written();
         let change = self.palette.change(update);
         self.editor.stored_scenes.record(
             at,

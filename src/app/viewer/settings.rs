@@ -62,7 +62,7 @@ pub struct PanelSettings {
     pub quality_every: Option<usize>,
     /// Latency budget of a training frame, milliseconds, drawn as a line in the latency plot.
     pub frame_budget_ms: f64,
-    /// Maximum memory for stored earlier states of a scene in training, MB.
+    /// Maximum size on disk of stored earlier states of a scene in training, MB.
     pub past_mb: u32,
 }
 
@@ -72,7 +72,7 @@ impl Default for PanelSettings {
             previews_export: true,
             quality_every: Some(DEFAULT_INTERVAL),
             frame_budget_ms: FRAME_BUDGET_MS,
-            past_mb: 192,
+            past_mb: 512,
         }
     }
 }
