@@ -1,5 +1,6 @@
-//! One run of the program in a window on a display, driven only by synthetic mouse and key input: open,
-//! train, orbit, compare, measure, export, quit. Results are read from log, title and exported file.
+//! One run of the program in a window on a display, driven only by synthetic mouse and key input: open a
+//! phone's capture, train, orbit, compare, measure, walk back, retrain finer, export, quit. Results are read
+//! from log, title and exported file.
 
 use super::harness::{PATIENCE, dataset};
 use super::window::{Running, display, number_after, xdotool};
@@ -9,6 +10,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
+use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
+use vbgs_studio::dataset::synthetic::{PhoneScene, SyntheticCamera, SyntheticParams};
 use vbgs_studio::export;
 
 /// The running program, driven by synthetic mouse and key input.
@@ -93,6 +96,15 @@ impl Hand {
         self.key("Return");
     }
 
+    /// Runs an action from the list of actions.
+    fn act(&self, name: &str) {
+        self.key("ctrl+p");
+        std::thread::sleep(Duration::from_millis(300));
+        xdotool(&["type", "--delay", "20", name]);
+        std::thread::sleep(Duration::from_millis(200));
+        self.key("Return");
+    }
+
     fn click(&self, x: i32, y: i32) {
         xdotool(&["mousemove", "--window", &self.window, &x.to_string(), &y.to_string()]);
         std::thread::sleep(Duration::from_millis(100));
@@ -117,16 +129,43 @@ fn orbit(hand: &Hand) {
     hand.wait_for("pictures of the turned scene", |hand| hand.times("picture: ") > before);
 }
 
+/// Drags over the timeline above the frames, which shows an earlier scene, and back to the newest one.
+fn walk_back(hand: &Hand) {
+    let earlier = |hand: &Hand| hand.said("shown: the scene after frame").is_some();
+    // Where it lies depends on fonts: drags over the frames themselves show their cameras meanwhile.
+    for y in (600..790).step_by(4).map(|y| y.to_string()) {
+        let at =
+            |x: &'static str| ["mousemove", "--window", &hand.window, x, &y].map(str::to_owned);
+        let drag = [&at("60")[..], &at("30")[..]];
+        xdotool(&drag[0].iter().map(String::as_str).collect::<Vec<_>>());
+        xdotool(&["mousedown", "1"]);
+        std::thread::sleep(Duration::from_millis(60));
+        xdotool(&drag[1].iter().map(String::as_str).collect::<Vec<_>>());
+        std::thread::sleep(Duration::from_millis(60));
+        xdotool(&["mouseup", "1"]);
+        std::thread::sleep(Duration::from_millis(100));
+        if earlier(hand) {
+            return;
+        }
+    }
+    panic!("no drag over the frame strip walks back");
+}
+
 #[test]
-fn a_hand_opens_trains_orbits_compares_measures_exports_and_quits() {
+fn a_hand_does_all_that_a_capture_needs() {
     let folder = tempfile::tempdir().unwrap();
-    let [first, second] = ["first", "second"].map(|name| {
-        let folder = folder.path().join(name);
-        std::fs::create_dir(&folder).unwrap();
-        dataset(&folder, 4)
-    });
-    let kitchen = second.with_file_name("kitchen");
-    std::fs::rename(&second, &kitchen).unwrap();
+    let first = dataset(folder.path(), 2);
+    let kitchen = folder.path().join("kitchen");
+    let capture = SyntheticParams {
+        camera: SyntheticCamera::Phone(PhoneScene::Door),
+        width: 240,
+        height: 320,
+        n_train: 8,
+        n_eval: 2,
+        n_free: 0,
+        ..SyntheticParams::demo()
+    };
+    write(&capture, &kitchen, SyntheticLayout::Record3d, &mut |_, _| {}).unwrap();
     let Some(mut hand) = Hand::on(&first, folder.path()) else { return };
     hand.wait_for("the first dataset", |hand| hand.title().starts_with("room"));
     hand.enter("ctrl+o", &kitchen);
@@ -149,17 +188,19 @@ fn a_hand_opens_trains_orbits_compares_measures_exports_and_quits() {
         hand.wait_for("an end", |hand| hand.times("measured from") >= n);
     }
 
+    walk_back(&hand);
+    let before = hand.times("shown: Finished");
+    hand.act("retrain finer");
+    hand.wait_for("retraining", |hand| hand.said("command: RetrainFiner").is_some());
+    hand.wait_for("its end", |hand| hand.times("shown: Finished") > before);
+
     let file = folder.path().join("kitchen.ply");
     hand.enter("ctrl+e", &file);
     hand.wait_for("the file", |hand| hand.said("Wrote ").is_some());
     assert!(export::read(&file).unwrap().splats.len() > 100);
 
-    // Quits through the list of actions, since without a window manager there is no close button.
-    hand.key("ctrl+p");
-    std::thread::sleep(Duration::from_millis(300));
-    xdotool(&["type", "--delay", "20", "quit"]);
-    std::thread::sleep(Duration::from_millis(200));
-    hand.key("Return");
+    // Without a window manager there is no close button. The export has saved the scene.
+    hand.act("quit");
     let asked = Instant::now();
     let status = loop {
         if let Some(status) = hand.running.0.try_wait().unwrap() {
