@@ -4,6 +4,7 @@
 //! outputs of one run cannot disagree. Table and JSON state the machine, because a time is
 //! meaningless without it.
 
+use crate::dataset::error::{DatasetError, FrameError};
 use crate::dataset::synthetic::ParamsError;
 use crate::eval::report;
 use crate::eval::report::MachineReport;
@@ -45,9 +46,22 @@ pub enum BenchError {
     Index(#[from] IndexError),
     #[error("{0}")]
     Eval(#[from] EvalError),
+    #[error("{0}")]
+    Dataset(#[from] DatasetError),
+    #[error("{0}")]
+    Frame(#[from] FrameError),
+    #[error(
+        "counting instructions with valgrind failed: {0}; install it, such as by `apt-get install valgrind`"
+    )]
+    Counter(String),
+    #[error(
+        "{}: expected the columns {expected}, found {found}; name another file to begin a new history",
+        file.display()
+    )]
+    Columns { file: PathBuf, expected: String, found: String },
     #[error("drawing the plot `{title}` failed: {reason}")]
     Plot { title: String, reason: String },
-    #[error("writing the rows as CSV failed: {0}")]
+    #[error("reading or writing rows as CSV failed: {0}")]
     Csv(#[from] csv::Error),
     #[error("writing the result as JSON failed: {0}")]
     Json(#[from] serde_json::Error),

@@ -7,7 +7,7 @@
 //! again, so that a table never mixes two builds.
 
 use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress, table};
-use super::frames::held_out_views;
+use super::held_out_views;
 use super::plot::{self, Axis, Mark, Panel, Series};
 use crate::dataset::{self, Dataset, LoadOptions};
 use crate::eval::choices::GroundTruth;
@@ -122,7 +122,7 @@ fn scenes(data: &Path) -> Result<(Vec<Arc<Dataset>>, Vec<String>), BenchError> {
     Ok((scenes, left_out))
 }
 
-fn file_error(path: &Path) -> impl Fn(std::io::Error) -> BenchError {
+pub(super) fn file_error(path: &Path) -> impl Fn(std::io::Error) -> BenchError {
     move |source| BenchError::File { path: path.to_owned(), source }
 }
 

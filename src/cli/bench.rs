@@ -1,7 +1,8 @@
 //! `bench`: measures speed, error and size; writes tables, files and plots.
 
 use super::args::{
-    BenchName, CommonArgs, DatasetBenchArgs, PrecisionSearchArgs, ReadArgs, RenderBenchArgs,
+    BenchName, CommonArgs, DatasetBenchArgs, HistoryArgs, PrecisionSearchArgs, ReadArgs,
+    RenderBenchArgs,
 };
 use super::failure::Failure;
 use super::train::print_dataset_notes;
@@ -11,6 +12,8 @@ use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use vbgs_studio::bench::findings::{Bench, BenchError, Progress};
+use vbgs_studio::bench::history;
+use vbgs_studio::bench::history::HistoryPlan;
 use vbgs_studio::bench::paper::ablation::AblationPlan;
 use vbgs_studio::bench::paper::pareto::ParetoPlan;
 use vbgs_studio::bench::paper::precision_search::SearchPlan;
@@ -41,6 +44,7 @@ pub fn run(bench: &BenchName) -> Result<(), Failure> {
             let plan = ParetoPlan::new(args.common.options(args.max_frames));
             pareto::run(&plan, dataset, progress)
         }),
+        BenchName::History(args) => run_history(args),
         BenchName::Paper(args) => {
             let plan = ProtocolPlan {
                 data: args.data.clone(),
@@ -68,6 +72,31 @@ pub fn run(bench: &BenchName) -> Result<(), Failure> {
             let (scene, plan) = render_plan(args)?;
             measure(&args.common, |progress| render::run(&plan, &scene, progress))
         }
+    }
+}
+
+fn run_history(args: &HistoryArgs) -> Result<(), Failure> {
+    if let Some(kernel) = args.kernel {
+        return Ok(kernel.run(args.times)?);
+    }
+    let HistoryArgs { data, file, commit, .. } = args;
+    let plan = HistoryPlan { data: data.clone(), file: file.clone(), commit: commit.clone() };
+    let found = output::steps("bench", |progress| history::run(&plan, progress))?;
+    out!("{}", found.line.trim_end());
+    if let Some(reason) = &found.uncounted {
+        note!("warning: {reason}");
+    }
+    if !found.worse.is_empty() {
+        let worse = found.worse.join("; ");
+        return Err(failed!(
+            "{}: expected no instruction count 3 % and no PSNR .05 dB worse than in the last line, found {worse}; if that is intended, append the printed line",
+            file.display()
+        ));
+    }
+    out!("appended to {}", file.display());
+    match found.uncounted.filter(|_| args.counted) {
+        Some(reason) => Err(failed!("--counted: {reason}")),
+        None => Ok(()),
     }
 }
 

@@ -333,6 +333,18 @@ pub(super) fn no_usable_frame(path: &Path, warnings: Vec<Warning>) -> DatasetErr
     }
 }
 
+/// Loads images from which settings are estimated. Retries once, because a temporary disk error would
+/// silently change the settings. A read error that persists is logged.
+pub(super) fn with_retry<T>(load: impl Fn() -> Result<T, FrameError>) -> Result<T, FrameError> {
+    let loaded = load().or_else(|_| load());
+    if let Err(error) = &loaded
+        && matches!(error.problem, FrameProblem::Read(_))
+    {
+        tracing::warn!("{error}; settings are chosen by other frames");
+    }
+    loaded
+}
+
 impl Dataset {
     /// Loads one frame: decodes its images and checks that they agree with each other and with the
     /// camera. `split` and `index` are indices into [`Dataset::splits`] and [`DatasetSplit::frames`].
@@ -349,18 +361,6 @@ impl Dataset {
                 problem: FrameProblem::NoSuchFrame { available: frames.len(), asked: index },
             }),
         }
-    }
-
-    /// Loads a frame from which settings are estimated. Retries once, because a temporary disk error
-    /// would silently change the settings. A read error that persists is logged.
-    pub(crate) fn load_with_retry(&self, split: usize, index: usize) -> Result<Frame, FrameError> {
-        let loaded = self.load(split, index).or_else(|_| self.load(split, index));
-        if let Err(error) = &loaded
-            && matches!(error.problem, FrameProblem::Read(_))
-        {
-            tracing::warn!("{error}; settings are chosen by other frames");
-        }
-        loaded
     }
 
     /// Adds the frames that a poll of the growing recording returned. Frames of `split` are appended;

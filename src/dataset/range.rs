@@ -1,11 +1,14 @@
 //! Position range by which a dataset is normalised (`dataset.md`, Position range).
 
+use super::entry::FrameEntry;
 use super::error::FrameError;
-use super::opened::Dataset;
+use super::opened::{Dataset, with_retry};
 use super::unproject::{CameraConvention, camera_point};
 use super::wild_poses::outlier_poses;
+use crate::math::camera::Camera;
 use crate::math::measured_pixel::Normalization;
 use glam::DVec3;
+use rayon::prelude::*;
 
 const MAX_FRAMES: usize = 12;
 /// Step between sampled columns and rows.
@@ -34,12 +37,21 @@ pub fn estimate(dataset: &Dataset, split: usize) -> Result<PositionRange, RangeE
     let is_sound = |i: &usize| wild.iter().all(|wild| wild.index != *i);
     let sound: Vec<usize> = (0..n_frames).filter(is_sound).collect();
     let n_sampled = sound.len().min(MAX_FRAMES);
+    let chosen: Vec<usize> =
+        (0..n_sampled).filter_map(|i| sound.get(i * sound.len() / n_sampled).copied()).collect();
+    let frames = dataset.splits.get(split).map_or(&[][..], |split| &split.frames);
+    let samples = chosen.par_iter().filter_map(|&at| frames.get(at)).map(sample);
     let mut axes: [Vec<f64>; 3] = Default::default();
     let mut failure = None;
-    for at in (0..n_sampled).filter_map(|i| sound.get(i * sound.len() / n_sampled)) {
-        // A damaged frame must not prevent training: other frames yield a range too.
-        if let Err(error) = sample(dataset, split, *at, &mut axes) {
-            failure = Some(error);
+    for sample in samples.collect::<Vec<_>>() {
+        match sample {
+            Ok(points) => {
+                for (i, axis) in axes.iter_mut().enumerate() {
+                    axis.extend(points.iter().map(|point| point[i]));
+                }
+            }
+            // A damaged frame must not prevent training: other frames yield a range too.
+            Err(error) => failure = Some(error),
         }
     }
     let mut range = from_samples(&mut axes);
@@ -77,16 +89,12 @@ pub enum RangeError {
     NoPoints,
 }
 
-fn sample(
-    dataset: &Dataset,
-    split: usize,
-    index: usize,
-    axes: &mut [Vec<f64>; 3],
-) -> Result<(), FrameError> {
-    let frame = dataset.load_with_retry(split, index)?;
-    let Some(depth) = &frame.depth else { return Ok(()) };
+/// Returns trusted depth points of a frame. Its photograph is not decoded.
+fn sample(entry: &FrameEntry) -> Result<Vec<DVec3>, FrameError> {
+    let Some(depth) = with_retry(|| entry.load_depth())? else { return Ok(Vec::new()) };
     let (width, height) = depth.size();
-    let k = &frame.camera.intrinsics;
+    let Camera { intrinsics: k, pose } = &entry.camera;
+    let mut points = Vec::new();
     // From the middle of the first stride: no sample lies on the border of the image.
     for row in (STRIDE / 2..height).step_by(STRIDE) {
         for column in (STRIDE / 2..width).step_by(STRIDE) {
@@ -95,13 +103,10 @@ fn sample(
             // Always exact: the published convention applies to Blender layouts only, whose range is known
             // and never estimated.
             let local = camera_point(k, CameraConvention::Exact, depth.kind, [column, row], value);
-            let world = frame.camera.pose.transform_point(local);
-            for (axis, v) in axes.iter_mut().zip(world.to_array()) {
-                axis.push(v);
-            }
+            points.push(pose.transform_point(local));
         }
     }
-    Ok(())
+    Ok(points)
 }
 
 fn from_samples(axes: &mut [Vec<f64>; 3]) -> Option<PositionRange> {

@@ -51,6 +51,11 @@ pub trait AnyPreset {
     /// can be fused.
     fn fuse(&self, origin: Option<&StoredModel>, models: &[&StoredModel]) -> Option<StoredModel>;
 
+    /// Returns a model after training on all its buffered photographs; `None` if it has none.
+    fn settled(&self, _model: &StoredModel) -> Option<StoredModel> {
+        None
+    }
+
     /// Checks that a stored model matches these settings.
     ///
     /// # Errors

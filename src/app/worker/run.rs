@@ -11,6 +11,7 @@ use crate::pipeline::job::Job;
 use crate::pipeline::session::Session;
 use crate::render::attributes::Attribute;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 #[derive(Default)]
 pub struct Run {
@@ -22,7 +23,13 @@ pub struct Run {
     /// Index of the component that snapshots describe in detail.
     pub inspecting: Option<u32>,
     pub sampling: Option<Job<FrameSampling>>,
+    /// Time at which the frames are sampled, if no frame is trained on before.
+    sampling_due: Option<Instant>,
 }
+
+/// Delay of sampling after a dataset was opened. The first frame that is trained on ends it: until then
+/// sampling would take the cores that decode that frame.
+const SAMPLING_DELAY: Duration = Duration::from_millis(500);
 
 impl Run {
     pub fn session(&self) -> Option<&Session> {
@@ -47,7 +54,7 @@ impl Run {
     pub fn set_content(&mut self, content: Option<Content>) {
         self.content = content;
         // A sampling of the previous dataset is abandoned.
-        self.sampling = None;
+        (self.sampling, self.sampling_due) = (None, None);
         // The index would refer to another component.
         self.inspecting = None;
     }
@@ -97,6 +104,24 @@ impl Run {
             },
         };
         Some(Arc::new(inspected))
+    }
+
+    /// Samples the frames once the first one is trained on, or if none is for [`SAMPLING_DELAY`].
+    pub fn schedule_sampling(&mut self) {
+        self.sampling_due = Some(Instant::now() + SAMPLING_DELAY);
+    }
+
+    /// True while frames are sampled, or will be.
+    pub fn awaits_sampling(&self) -> bool {
+        self.sampling.is_some() || self.sampling_due.is_some()
+    }
+
+    /// Starts a scheduled sampling if it is due. `has_trained` is true once a frame was trained on.
+    pub fn start_due_sampling(&mut self, has_trained: bool) {
+        let is_due = |due: &mut Instant| has_trained || *due <= Instant::now();
+        if self.sampling_due.take_if(is_due).is_some() {
+            self.start_sampling();
+        }
     }
 
     pub fn start_sampling(&mut self) {

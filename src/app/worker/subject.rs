@@ -158,7 +158,7 @@ impl WorkerThread {
         (self.has_pending_step, self.n_unread) = (false, 0);
         self.run.set_content(Some(opened.content));
         self.watch_frames(opened.opened.serial);
-        self.run.start_sampling();
+        self.run.schedule_sampling();
         // The splats above were sent without attributes; these follow if the viewport needs them.
         self.watch(self.run.watched);
         for (kind, text) in opened.notices {

@@ -107,7 +107,7 @@ impl WorkerThread {
     /// Returns the time until the worker has work that needs no order; `None` if there is no such work.
     fn idle_timeout(&self) -> Option<Duration> {
         // Retries the delivery of pending splats.
-        if self.outbox.has_news() || self.run.sampling.is_some() {
+        if self.outbox.has_news() || self.run.awaits_sampling() {
             return Some(self.shared.interval());
         }
         let saves = self.training.autosave_s.is_some();
@@ -143,6 +143,8 @@ impl WorkerThread {
         // The first frame is shown at once.
         let is_first = self.outbox.snapshot.frames_done == 1 && self.outbox.is_changed;
         self.outbox.publish(&self.run, acted || is_first);
+        // Last: the first frame is shown before its cores are shared.
+        self.run.start_due_sampling(self.outbox.snapshot.frames_done > 0);
     }
 
     fn apply(&mut self, order: WorkerOrder) {

@@ -2,7 +2,7 @@
 //! evaluated.
 
 use crate::bench::findings::BenchError;
-use crate::bench::frames::{ViewIndices, each_frame, held_out_views, spaced};
+use crate::bench::{ViewIndices, each_frame, held_out_views, spaced};
 use crate::dataset::Dataset;
 use crate::eval::choices::GroundTruth;
 use crate::eval::views;

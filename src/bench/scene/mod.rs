@@ -10,12 +10,12 @@
 
 mod report;
 pub mod retention;
-mod training;
+pub(super) mod training;
 mod variants;
 
 use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress, steps};
-use super::frames::{ViewIndices, held_out_views, spaced};
 use super::plot;
+use super::{ViewIndices, held_out_views, spaced};
 use crate::dataset::Dataset;
 use crate::eval::choices::SEEN_AFTER;
 use crate::eval::cracks::CrackReport;

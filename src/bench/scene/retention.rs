@@ -6,8 +6,8 @@
 
 use super::training::prepare;
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress, table};
-use crate::bench::frames::{ViewIndices, each_frame, held_out_views, spaced};
 use crate::bench::plot::{self, Axis, Mark, Panel, Series};
+use crate::bench::{ViewIndices, each_frame, held_out_views, spaced};
 use crate::dataset::Dataset;
 use crate::eval::metrics::mean_std;
 use crate::eval::views::{EvalOptions, evaluate};

@@ -6,7 +6,7 @@
 //! expensive.
 
 use crate::bench::findings::BenchError;
-use crate::bench::frames::{each_frame, spaced};
+use crate::bench::{each_frame, spaced};
 use crate::dataset::Dataset;
 use crate::dataset::surface::SurfaceSettings;
 use crate::eval::choices::{GroundTruth, ViewPoses};

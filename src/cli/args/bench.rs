@@ -5,6 +5,7 @@ use crate::cli::args::{choice, parse_count, parse_size};
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
 use vbgs_studio::bench::findings::BenchOptions;
+use vbgs_studio::bench::history::Kernel;
 use vbgs_studio::bench::render::BenchDevice;
 
 #[derive(Subcommand)]
@@ -13,6 +14,8 @@ pub enum BenchName {
     Ablation(DatasetBenchArgs),
     /// Benefit of each part of the scene preset, and quality by number of components
     Accuracy(DatasetBenchArgs),
+    /// One line of instruction counts, frame times, PSNR and size, gated by the line before
+    History(HistoryArgs),
     /// The paper's protocol on all scenes of a folder, with both presets and renderers
     Paper(FolderBenchArgs),
     /// Speed against error, varying one setting at a time
@@ -23,6 +26,27 @@ pub enum BenchName {
     Scaling(CommonArgs),
     /// Time per frame by stage, splats and resolution, with both renderers
     Render(RenderBenchArgs),
+}
+
+#[derive(Args)]
+pub struct HistoryArgs {
+    /// Folder with the recordings `kinect_office` and `lego400`
+    #[arg(long, value_name = "DIR", default_value = "../shared/data")]
+    pub data: PathBuf,
+    /// CSV to which the line is appended, unless a measure is worse than in its last line
+    #[arg(long, value_name = "FILE", default_value = "history.csv")]
+    pub file: PathBuf,
+    /// Name of the commit in the line
+    #[arg(long, value_name = "NAME", default_value = "uncommitted")]
+    pub commit: String,
+    /// Fail if instructions cannot be counted
+    #[arg(long)]
+    pub counted: bool,
+    // What the counter runs.
+    #[arg(long, hide = true, value_parser = choice::<Kernel>())]
+    pub kernel: Option<Kernel>,
+    #[arg(long, hide = true, default_value_t = 1)]
+    pub times: usize,
 }
 
 #[derive(Args)]

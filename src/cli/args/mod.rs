@@ -12,7 +12,7 @@ mod train;
 #[cfg(feature = "bench")]
 pub use bench::PrecisionSearchArgs;
 #[cfg(feature = "bench")]
-pub use bench::{BenchName, CommonArgs, DatasetBenchArgs, RenderBenchArgs};
+pub use bench::{BenchName, CommonArgs, DatasetBenchArgs, HistoryArgs, RenderBenchArgs};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};

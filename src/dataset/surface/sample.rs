@@ -2,6 +2,8 @@
 
 use super::{Preparer, SurfaceSettings};
 use crate::dataset::Dataset;
+use crate::dataset::entry::map_photographs;
+use crate::dataset::opened::with_retry;
 use crate::observation::surface::Observation;
 
 /// Quantile of the pixel footprints that is stored as [`FrameSample::footprint`].
@@ -10,6 +12,45 @@ const NEARER_SHARE: f64 = 0.95;
 const SAMPLED_FRAMES: usize = 8;
 /// Step between the sampled points of a frame.
 const SAMPLED_POINTS: usize = 7;
+
+/// Depth of one frame, measured and as points.
+struct DepthSample {
+    /// Open interval of lengths that training uses, world units.
+    trusted: [f64; 2],
+    /// Maximum correction of a point along its ray, world units.
+    tolerance: f64,
+    looked_at: usize,
+    seen: Vec<f64>,
+    footprints: Vec<f64>,
+    depths: Vec<f64>,
+}
+
+impl DepthSample {
+    /// Samples a frame; `None` if it has no depth. The error describes a frame that cannot be read.
+    fn of(
+        dataset: &Dataset,
+        split: usize,
+        index: usize,
+        surface: &SurfaceSettings,
+    ) -> Result<Option<Self>, String> {
+        let frame = with_retry(|| dataset.load(split, index)).map_err(|error| error.to_string())?;
+        let Some(depth) = &frame.depth else { return Ok(None) };
+        let (width, height) = depth.size();
+        let pixels = (0..width * height).step_by(SAMPLED_POINTS);
+        let mut observation = Observation::empty();
+        // Fails only without depth.
+        Preparer::new().prepare(&frame, surface, &mut observation).map_err(|e| e.to_string())?;
+        let points = observation.points.iter().step_by(SAMPLED_POINTS);
+        Ok(Some(Self {
+            trusted: depth.trusted,
+            tolerance: f64::from(observation.tolerance.refinement),
+            looked_at: pixels.len(),
+            seen: pixels.filter_map(|i| depth.value_at(i % width, i / width)).collect(),
+            footprints: points.clone().map(|p| f64::from(p.footprint)).collect(),
+            depths: points.map(|p| f64::from(p.range)).collect(),
+        }))
+    }
+}
 
 /// Statistics of some frames of a split.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,41 +74,35 @@ impl FrameSample {
         frames: &[usize],
         surface: &SurfaceSettings,
     ) -> Result<Self, NoUsableDepth> {
-        let mut preparer = Preparer::new();
-        let mut observation = Observation::empty();
-        let (mut footprints, mut depths, mut seen) = (Vec::new(), Vec::new(), Vec::new());
-        let mut trusted = [0.0; 2];
-        let (mut n, mut looked_at, mut unreadable) = (0, 0, None);
-        for index in sampled(frames) {
-            // Further frames only replace unreadable ones.
-            if n == SAMPLED_FRAMES {
-                break;
-            }
-            let frame = match dataset.load_with_retry(split, index) {
-                Ok(frame) => frame,
-                Err(error) => {
-                    unreadable.get_or_insert_with(|| error.to_string());
-                    continue;
+        let order: Vec<usize> = sampled(frames).collect();
+        let entries = dataset.splits.get(split).map_or(&[][..], |split| &split.frames);
+        let (mut samples, mut unreadable, mut next) = (Vec::new(), None, 0);
+        // Further frames only replace unreadable ones.
+        while samples.len() < SAMPLED_FRAMES && next < order.len() {
+            let part = next..order.len().min(next + SAMPLED_FRAMES - samples.len());
+            next = part.end;
+            let one = |at: usize| Some(DepthSample::of(dataset, split, *order.get(at)?, surface));
+            for sample in map_photographs(entries, part, one) {
+                match sample {
+                    Ok(sample) => samples.extend(sample),
+                    Err(error) => drop(unreadable.get_or_insert(error)),
                 }
-            };
-            let Some(depth) = &frame.depth else { continue };
-            n += 1;
-            trusted = depth.trusted;
-            let (width, height) = depth.size();
-            let pixels = (0..width * height).step_by(SAMPLED_POINTS);
-            looked_at += pixels.len();
-            seen.extend(pixels.filter_map(|i| depth.value_at(i % width, i / width)));
-            if preparer.prepare(&frame, surface, &mut observation).is_ok() {
-                let points = observation.points.iter().step_by(SAMPLED_POINTS);
-                footprints.extend(points.clone().map(|p| f64::from(p.footprint)));
-                depths.extend(points.map(|p| f64::from(p.range)));
             }
+        }
+        let n = samples.len();
+        let looked_at = samples.iter().map(|sample| sample.looked_at).sum();
+        let last = samples.last().map(|last| (last.trusted, last.tolerance));
+        let (trusted, tolerance) = last.unwrap_or_default();
+        let (mut footprints, mut depths, mut seen) = (Vec::new(), Vec::new(), Vec::new());
+        for sample in samples {
+            footprints.extend(sample.footprints);
+            depths.extend(sample.depths);
+            seen.extend(sample.seen);
         }
         // Quantiles, not extremes: a few wrong depths would decide the scale of a scene.
         match (quantile(&mut footprints, NEARER_SHARE), quantile(&mut depths, 0.05)) {
             (Some(footprint), Some(near)) => {
                 let far = quantile(&mut depths, 0.95).unwrap_or(near);
-                let tolerance = f64::from(observation.tolerance.refinement);
                 Ok(Self { footprint, tolerance, depths: [near, far] })
             }
             _ => {

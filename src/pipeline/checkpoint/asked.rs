@@ -147,6 +147,11 @@ impl SavedRun {
         let most_visits = self.most_visited_frame().1;
         let Self { path, mut config, meta, content, .. } = self;
         let Checkpoint { history, cursor, model, .. } = content;
+        // Shards of one start continue the same estimates. If each of them learned the start's buffered photographs
+        // again, fusion would take what they have in common for information of as many shards.
+        let begins_shard = asked.shard.is_some_and(|shard| config.selection.shard != Some(shard));
+        let settled = begins_shard.then(|| config.method.as_any().settled(&model)).flatten();
+        let model = settled.unwrap_or(model);
         config.selection.max_frames = asked.max_frames.or(config.selection.max_frames);
         config.selection.shard = asked.shard.or(config.selection.shard);
         // At least the visits so far, so that the plan contains all of them.

@@ -17,7 +17,7 @@ use crate::pipeline::run::RunConfig;
 use crate::pipeline::settings::scene::SceneRun;
 use crate::train::outcome::MemoryEstimate;
 use crate::train::scene::config::DEFAULT_MAX_COMPONENTS;
-use crate::train::scene::fusion::fuse;
+use crate::train::scene::fusion::{fuse, settled};
 use crate::train::scene::trainer::SceneTrainer;
 
 impl AnyPreset for SceneRun {
@@ -66,6 +66,10 @@ impl AnyPreset for SceneRun {
         let origin = origin.map(|model| self.scene(model)).transpose().ok()?;
         let scenes: Result<Vec<_>, _> = models.iter().map(|model| self.scene(model)).collect();
         fuse(&self.engine, origin, &scenes.ok()?).map(StoredModel::Scene)
+    }
+
+    fn settled(&self, model: &StoredModel) -> Option<StoredModel> {
+        settled(&self.engine, self.scene(model).ok()?).map(StoredModel::Scene)
     }
 
     fn check(&self, model: &StoredModel) -> Result<(), Mismatch> {

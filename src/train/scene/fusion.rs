@@ -57,6 +57,14 @@ pub fn fuse(
     Some(over_budget.state())
 }
 
+/// Returns the scene after training on all its buffered photographs; `None` if there are none.
+pub fn settled(config: &SceneConfig, state: &SceneState) -> Option<SceneState> {
+    let photographs = state.photometric.as_ref();
+    let is_waiting = photographs.is_some_and(|photometric| !photometric.buffered.is_empty());
+    let trainer = is_waiting.then(|| SceneTrainer::restore(config, state.clone(), 0)).flatten();
+    trainer.map(SceneTrainer::into_settled_state)
+}
+
 /// Converts a scene to the structural scale after `steps` coarsening steps; `None` if that is
 /// impossible.
 fn at_scale(scene: &SceneState, steps: u32) -> Option<Cow<'_, SceneState>> {
@@ -74,10 +82,10 @@ fn fuse_at_one_scale(
     start: Option<&SceneState>,
     scenes: &[&SceneState],
 ) -> Option<SceneState> {
-    // Buffered photographs of the start are in the logs of the scenes that continued from it.
-    let n_photographs = start.map_or(0, |start| photograph_poses(start).len());
+    // As the scenes continued it: a shard begins with the settled start.
     let start = start.map(|start| with_settled_photographs(config, start));
     let start = start.as_deref();
+    let n_photographs = start.map_or(0, |start| photograph_poses(start).len());
     let scenes: Option<Vec<_>> = scenes
         .iter()
         .map(|scene| back_at(start, with_settled_photographs(config, scene)))
@@ -125,15 +133,11 @@ fn photograph_poses(scene: &SceneState) -> &[FramePose] {
     scene.photometric.as_ref().map_or(&[], |photometric| &photometric.photograph_poses)
 }
 
-/// Returns the scene as it is after training on all its buffered photographs.
 fn with_settled_photographs<'a>(
     config: &SceneConfig,
     state: &'a SceneState,
 ) -> Cow<'a, SceneState> {
-    let photographs = state.photometric.as_ref();
-    let is_waiting = photographs.is_some_and(|photometric| !photometric.buffered.is_empty());
-    let trainer = is_waiting.then(|| SceneTrainer::restore(config, state.clone(), 0)).flatten();
-    trainer.map_or(Cow::Borrowed(state), |trainer| Cow::Owned(trainer.into_settled_state()))
+    settled(config, state).map_or(Cow::Borrowed(state), Cow::Owned)
 }
 
 /// Converts a scene to the coordinates of the start. Training on later frames may have moved the scene

@@ -105,6 +105,28 @@ fn shards_of_one_start_are_as_one_run() {
     assert!(all.resume(room(), &ResumeRequest::default(), false).is_ok());
 }
 
+#[test]
+fn a_shard_begins_with_the_settled_start() {
+    let start = saved(&trained(&asked(PhotometricMode::Light), shard("1/8")));
+    let waiting = |shard: &str| {
+        let request = ResumeRequest { shard: shard.parse().ok(), ..ResumeRequest::default() };
+        let resumed = saved(&start.clone().resume(room(), &request, false).unwrap());
+        scene(&resumed).photometric.as_ref().unwrap().buffered.len()
+    };
+    // The run that was interrupted continues with its buffer, as if it had not been.
+    assert_eq!((waiting("1/2"), waiting("1/8")), (0, 4));
+    // Scenes that add nothing to their start leave it as it is, however many they are.
+    let request = ResumeRequest { shard: "1/2".parse().ok(), ..ResumeRequest::default() };
+    let settled = saved(&start.clone().resume(room(), &request, false).unwrap());
+    let state = scene(&settled);
+    let config = &settled.config.method.scene().unwrap().engine;
+    let fused = fuse(config, Some(scene(&start)), &[state; 3]).unwrap();
+    let splats = |state: &SceneState| state.photometric.clone().unwrap().splats;
+    let pairs = splats(&fused).into_iter().zip(splats(state));
+    let far = pairs.flat_map(|(a, b)| [0, 1, 2].map(|k| (a.color[k] - b.color[k]).abs()));
+    assert!(far.fold(0.0f32, f32::max) < 1e-3);
+}
+
 /// Weight of all texels, in pixels.
 fn texels(run: &SavedRun) -> f64 {
     let textures = scene(run).photometric.as_ref().unwrap().textures.iter().flatten();
