@@ -27,7 +27,7 @@ use crate::pipeline::memory;
 use crate::pipeline::memory::MemoryError;
 use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::settings::scene::{SceneError, SceneOverrides, SceneRun};
-use crate::train::scene::units::StructuralScale;
+use crate::train::scene::units::{COARSEST_DEFAULT, StructuralScale};
 use camera::registered;
 use evidence::{Evidence, ResidualKind};
 use matches::{MatchedDepth, Matches};
@@ -42,9 +42,6 @@ pub use unknowns::CalibratedValue;
 pub const DEFAULT_FRAMES: usize = 24;
 /// Approximate total number of pixels used from all frames.
 const PIXELS: f64 = 120_000.0;
-/// Structural scale, pixels. With two pixels, the default of small images, the camera's roll errs by more
-/// than its standard error.
-const SCALE_PX: f64 = 2.5;
 /// Minimum number of components seen by several frames.
 const MIN_COMPONENTS: usize = 100;
 /// Size of components, relative to the scene's structural scale, for the check that frames share
@@ -225,7 +222,8 @@ fn survey(
         calibration: Some(plan.start.clone()),
         // Points are matched by position, so cells must cover the depth noise.
         ray_search: Some(false),
-        scale: Some(StructuralScale::Pixels(SCALE_PX)),
+        // With the finer default of small images, the camera's roll errs by more than its standard error.
+        scale: Some(StructuralScale::Pixels(COARSEST_DEFAULT)),
         ..SceneOverrides::default()
     };
     let mut run = SceneRun::new(dataset, all, &overrides)?;

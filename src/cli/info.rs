@@ -22,7 +22,6 @@ use vbgs_studio::eval::trajectory_error::TrajectoryError;
 use vbgs_studio::export::checkpoint::{StoredModel, is_checkpoint};
 use vbgs_studio::export::{Imported, ModelKind};
 use vbgs_studio::math::camera::Intrinsics;
-use vbgs_studio::model::splat::splats::bounds;
 use vbgs_studio::pipeline::checkpoint::SavedRun;
 use vbgs_studio::pipeline::run::RunConfig;
 use vbgs_studio::pipeline::tracked::Trajectory;
@@ -99,7 +98,7 @@ pub fn run(args: &InfoArgs) -> Result<(), Failure> {
         if is_checkpoint(&args.path) {
             return describe_checkpoint(args);
         }
-        let info = model_info(args, &export::read(&args.path)?);
+        let info = model_info(args, &export::read_outline(&args.path)?);
         return if args.json { output::print_json(&info) } else { print_model(&info) };
     }
     let dataset = dataset::open(&args.path, &args.depth.load_options())?;
@@ -282,13 +281,13 @@ fn model_info(args: &InfoArgs, model: &Imported) -> ModelInfo {
             ModelKind::Splats => "splats",
             ModelKind::PointCloud => "point-cloud",
         },
-        splats: model.splats.len(),
+        splats: model.outline.n_splats,
         // Import drops harmonics above degree 1.
-        sh_degree: u8::from(!model.splats.view().appearance().is_empty()),
+        sh_degree: u8::from(model.outline.is_directional),
         skipped: model.skipped,
         // Splats are relative to the local origin.
-        bounds: bounds(&model.splats)
-            .map(|(lo, hi)| [lo, hi].map(|at| (at + model.local_origin).to_array())),
+        bounds: (model.outline.bounds)
+            .map(|ends| ends.map(|at| (at + model.local_origin).to_array())),
         local_origin: (model.local_origin != DVec3::ZERO).then_some(model.local_origin.to_array()),
         bytes: model.bytes,
         comments: model.comments.clone(),

@@ -7,9 +7,10 @@ use super::lengths::MAX_FACTOR;
 use super::video::ExtractionFolder;
 use std::borrow::Cow;
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{BufReader, Error, Read, Result as IoResult, Seek, SeekFrom};
 use std::path::{Component, Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use zip::ZipArchive;
 use zip::result::ZipError;
 
@@ -21,8 +22,10 @@ const MAX_TEXT_BYTES: u64 = 64 << 20;
 pub(super) struct Archive {
     pub path: PathBuf,
     // Reading moves the shared file position, hence the lock; decoding happens outside it.
-    zip: Mutex<ZipArchive<BufReader<RetryingFile>>>,
+    zip: Mutex<Zip<BufReader<RetryingFile>>>,
 }
+
+type Zip<R> = ZipArchive<CountedHeaders<R>>;
 
 impl Archive {
     /// True if the file starts with the signature of a zip archive.
@@ -51,7 +54,7 @@ impl Archive {
         Ok(text_of(read_member(&mut self.lock(), name, MAX_TEXT_BYTES)?)?)
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, ZipArchive<BufReader<RetryingFile>>> {
+    fn lock(&self) -> std::sync::MutexGuard<'_, Zip<BufReader<RetryingFile>>> {
         // A panic while unpacking leaves no state that the next seek does not reset.
         self.zip.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -59,48 +62,48 @@ impl Archive {
 
 /// Largest number of members of an archive, which take 700 bytes of memory each: 43,000 frames of three files.
 pub(super) const MAX_MEMBERS: u64 = 1 << 17;
-/// Longest end of an archive, bytes: its comment, the record before it and the locator before that.
-const MAX_END: u64 = (1 << 16) + 22 + 20;
+/// First bytes of a member's header in the directory of an archive.
+const HEADER: [u8; 4] = *b"PK\x01\x02";
 
-/// Opens an archive, unless it states more members than [`MAX_MEMBERS`].
-pub(super) fn open_zip<R: Read + Seek>(mut source: R) -> Result<ZipArchive<R>, FrameProblem> {
-    let found = stated_members(&mut source)?;
-    match found <= MAX_MEMBERS {
-        true => ZipArchive::new(source).map_err(archive_error),
-        false => Err(FrameProblem::ArchiveMembers(found)),
+/// Opens an archive, unless its directory, or what is tried as such, has more members than [`MAX_MEMBERS`].
+pub(super) fn open_zip<R: Read + Seek>(source: R) -> Result<Zip<R>, FrameProblem> {
+    let left = Arc::new(AtomicU64::new(MAX_MEMBERS + 1));
+    let zip = ZipArchive::new(CountedHeaders { source, left: left.clone() });
+    // Members may hold archives, whose headers do not count.
+    match left.swap(u64::MAX, Ordering::Relaxed) {
+        0 => Err(FrameProblem::ArchiveMembers),
+        _ => zip.map_err(archive_error),
     }
 }
 
-/// Returns the largest number of members that a record of zip64 states; without such a record, an archive has at
-/// most 65,535.
-fn stated_members(source: &mut (impl Read + Seek)) -> std::io::Result<u64> {
-    const LOCATOR: usize = 20;
-    const RECORD: u64 = 56;
-    let size = source.seek(SeekFrom::End(0))?;
-    let start = size.saturating_sub(MAX_END);
-    source.seek(SeekFrom::Start(start))?;
-    let mut end = Vec::new();
-    source.by_ref().take(MAX_END).read_to_end(&mut end)?;
-    let mut most = 0;
-    for (at, locator) in end.array_windows::<{ LOCATOR + 4 }>().enumerate() {
-        let [b'P', b'K', 6, 7, _, _, _, _, a, b, c, d, e, f, g, h, .., b'P', b'K', 5, 6] = *locator
-        else {
-            continue;
-        };
-        let stated = u64::from_le_bytes([a, b, c, d, e, f, g, h]);
-        // Before an archive there may be other bytes, which shift the stated place.
-        for place in [stated, (start + at as u64).saturating_sub(RECORD)] {
-            let mut record = [0; RECORD as usize];
-            let is_read = source.seek(SeekFrom::Start(place)).is_ok()
-                && source.read_exact(&mut record).is_ok();
-            if is_read && record.starts_with(b"PK\x06\x06") {
-                let counts = record.get(24..40).unwrap_or_default().as_chunks::<8>().0;
-                most = counts.iter().map(|n| u64::from_le_bytes(*n)).fold(most, u64::max);
+/// Source of an archive that fails once more headers of members than a limit were read. Counts in records at
+/// the end do not bound them: an archive may hold several such records, and at any place.
+#[derive(Debug)]
+pub(super) struct CountedHeaders<R> {
+    source: R,
+    /// Number of headers that may still be read; 0 after too many.
+    left: Arc<AtomicU64>,
+}
+
+impl<R: Read> Read for CountedHeaders<R> {
+    fn read(&mut self, bytes: &mut [u8]) -> IoResult<usize> {
+        let n = self.source.read(bytes)?;
+        // Each header is read by a call of its own.
+        if bytes.get(..n).is_some_and(|read| read.starts_with(&HEADER)) {
+            let left = self.left.load(Ordering::Relaxed).saturating_sub(1);
+            self.left.store(left, Ordering::Relaxed);
+            if left == 0 {
+                return Err(Error::other(format!("more than {MAX_MEMBERS} members")));
             }
         }
+        Ok(n)
     }
-    source.rewind()?;
-    Ok(most)
+}
+
+impl<R: Seek> Seek for CountedHeaders<R> {
+    fn seek(&mut self, to: SeekFrom) -> IoResult<u64> {
+        self.source.seek(to)
+    }
 }
 
 pub(super) fn read_member(

@@ -13,11 +13,12 @@ use bytemuck::allocation::try_cast_vec;
 use image::error::DecodingError;
 use image::metadata::Orientation;
 use image::{
-    ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, ImageResult,
-    Limits, RgbaImage,
+    ColorType, DynamicImage, GrayImage, ImageDecoder, ImageError, ImageFormat, ImageReader,
+    ImageResult, Limits, RgbImage, RgbaImage,
 };
+use jpeg_decoder::PixelFormat;
 use std::cell::Cell;
-use std::io::{BufRead, BufReader, Cursor, Read, Seek};
+use std::io::{BufRead, BufReader, Cursor, Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
@@ -127,10 +128,18 @@ pub(super) fn stores_floats(source: &ByteSource) -> Result<bool, FrameProblem> {
     Ok(matches!(codes, DepthCodes::Lengths(_)))
 }
 
-pub(super) fn color(source: &ByteSource, size: (u32, u32)) -> Result<Image<[u8; 4]>, FrameProblem> {
-    // Grey and RGB become opaque RGBA, so that later stages handle one format.
+/// Decodes a photograph to `size`, which is that of the file divided by `divisor`.
+pub(super) fn color(
+    source: &ByteSource,
+    size: (u32, u32),
+    divisor: u32,
+) -> Result<Image<[u8; 4]>, FrameProblem> {
     let bytes = source.read()?;
-    let image = decode_with(&bytes, size, "an image", |decoder| opaque(decoder, &bytes))?;
+    // Grey and RGB become opaque RGBA, so that later stages handle one format.
+    let image = match divisor {
+        1 => decode_with(&bytes, size, PHOTOGRAPH, |decoder| opaque(decoder, &bytes))?,
+        _ => divided_jpeg(&bytes, size, divisor)?,
+    };
     let (width, height) = (image.width() as usize, image.height() as usize);
     // No copy if the capacity is a multiple of a pixel.
     let data = try_cast_vec(image.into_rgba8().into_raw())
@@ -186,6 +195,182 @@ fn rgba_of_jpeg(bytes: &[u8]) -> ImageResult<Option<Vec<u8>>> {
 
 fn is_jpeg(bytes: &[u8]) -> bool {
     image::guess_format(bytes).is_ok_and(|format| format == ImageFormat::Jpeg)
+}
+
+const PHOTOGRAPH: &str = "an image";
+
+/// Size of a photograph's file and the divisor of its sides that lets decoding fit into memory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Decoding {
+    pub size: [u32; 2],
+    pub divisor: u32,
+    /// Memory that decoding takes, bytes.
+    pub bytes: u64,
+}
+
+/// Largest memory per pixel of a decoded photograph, bytes: a turned progressive JPEG without subsampling.
+const MOST_PER_PIXEL: u64 = 14;
+/// Divisors of the sides of a JPEG by which it can be decoded.
+const DIVISORS: [u32; 4] = [1, 2, 4, 8];
+
+impl Decoding {
+    /// Decoding to the size of the file.
+    pub fn whole(size: [u32; 2]) -> Self {
+        let bytes = size.iter().fold(4, |n: u64, side| n.saturating_mul(u64::from(*side)));
+        Self { size, divisor: 1, bytes }
+    }
+
+    /// Finds how a photograph of `size` is decoded, upright if its camera is. Reads the start of a large JPEG.
+    pub fn of(source: &ByteSource, size: [u32; 2]) -> Self {
+        let whole = Self::whole(size);
+        if whole.bytes <= (MAX_PICTURE_MIB << 20) / MOST_PER_PIXEL * 4 {
+            return whole;
+        }
+        // A file that cannot be read is reported when it is decoded.
+        let outline = match source {
+            ByteSource::File(path) => RetryingFile::open(path)
+                .ok()
+                .and_then(|file| JpegOutline::read(BufReader::new(file))),
+            _ => source.read().ok().and_then(|bytes| JpegOutline::read(Cursor::new(bytes))),
+        };
+        let Some(outline) = outline else { return whole };
+        // The orientation is not applied to a picture of its camera's size.
+        let is_turned = outline.is_turned && outline.size != size;
+        Self { size, ..JpegOutline { is_turned, ..outline }.decoding() }
+    }
+}
+
+/// What decides on the memory that a JPEG takes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct JpegOutline {
+    size: [u32; 2],
+    /// Number of samples of all components.
+    n_samples: u64,
+    is_progressive: bool,
+    is_turned: bool,
+}
+
+impl JpegOutline {
+    /// Reads the segments before the first scan; `None` for other files and damaged ones.
+    fn read(mut source: impl Read + Seek) -> Option<Self> {
+        let mut start = [0; 2];
+        source.read_exact(&mut start).ok()?;
+        let (mut outline, mut is_turned) = (None, false);
+        if start != [0xFF, 0xD8] {
+            return None;
+        }
+        while outline.is_none() {
+            let mut segment = [0; 4];
+            source.read_exact(&mut segment).ok()?;
+            let [0xFF, marker, high, low] = segment else { return None };
+            let length = u16::from_be_bytes([high, low]).checked_sub(2)?;
+            let mut content = Vec::new();
+            match marker {
+                // Frames, without the tables and the reserved marker between their markers.
+                0xC0..=0xCF if ![0xC4, 0xC8, 0xCC].contains(&marker) => {
+                    source.by_ref().take(length.into()).read_to_end(&mut content).ok()?;
+                    outline = Some(Self::of_frame(&content, marker)?);
+                }
+                0xE1 => {
+                    source.by_ref().take(length.into()).read_to_end(&mut content).ok()?;
+                    let chunk = content.strip_prefix(b"Exif\0\0");
+                    let turn = chunk.and_then(Orientation::from_exif_chunk);
+                    is_turned |= turn.is_some_and(|turn| turned_size((2, 1), turn) == (1, 2));
+                }
+                _ => drop(source.seek(SeekFrom::Current(length.into())).ok()?),
+            }
+        }
+        outline.map(|outline| Self { is_turned, ..outline })
+    }
+
+    fn of_frame(content: &[u8], marker: u8) -> Option<Self> {
+        let &[_, h0, h1, w0, w1, _, ref components @ ..] = content else { return None };
+        let size = [[w0, w1], [h0, h1]].map(|side| u32::from(u16::from_be_bytes(side)));
+        let n = u64::from(size[0]) * u64::from(size[1]);
+        let factors = components
+            .as_chunks::<3>()
+            .0
+            .iter()
+            .map(|[_, factors, _]| [factors >> 4, factors & 15].map(u64::from));
+        let most = factors.clone().fold([1; 2], |most, f| [most[0].max(f[0]), most[1].max(f[1])]);
+        let n_samples = factors.map(|[x, y]| n * x * y / (most[0] * most[1])).sum();
+        let is_progressive = matches!(marker, 0xC2 | 0xC6 | 0xCA | 0xCE);
+        Some(Self { size, n_samples, is_progressive, is_turned: false })
+    }
+
+    /// Returns the smallest divisor that lets decoding fit into memory, or the largest.
+    fn decoding(&self) -> Decoding {
+        let size = self.size;
+        let of = |divisor| Decoding { size, divisor, bytes: self.bytes(divisor) };
+        let fits = |decoding: &Decoding| decoding.bytes <= MAX_PICTURE_MIB << 20;
+        DIVISORS.map(of).into_iter().find(fits).unwrap_or(of(8))
+    }
+
+    /// Returns the memory that decoding takes, bytes.
+    fn bytes(&self, divisor: u32) -> u64 {
+        let side = |side: u32| u64::from(side.div_ceil(divisor));
+        let n = side(self.size[0]).saturating_mul(side(self.size[1])).min(1 << 40);
+        let coefficients = if self.is_progressive { 2 * self.n_samples } else { 0 };
+        // Without division, pixels are decoded to their place. Otherwise samples become RGB, and that RGBA.
+        let decoded = match divisor {
+            1 => coefficients + 4 * n,
+            _ => (coefficients + self.n_samples / u64::from(divisor).pow(2) + 3 * n).max(7 * n),
+        };
+        decoded.max(if self.is_turned { 8 * n } else { 0 })
+    }
+
+    fn check(&self, divisor: u32) -> Result<(), FrameProblem> {
+        let mib = self.bytes(divisor).div_ceil(1 << 20);
+        match mib <= MAX_PICTURE_MIB {
+            true => Ok(()),
+            false => Err(FrameProblem::TooLarge { size: self.size.into(), mib }),
+        }
+    }
+}
+
+/// Decodes a JPEG to `size`, that of its picture with sides divided by `divisor`.
+fn divided_jpeg(
+    bytes: &[u8],
+    size: (u32, u32),
+    divisor: u32,
+) -> Result<DynamicImage, FrameProblem> {
+    let damaged = |error| {
+        let format = ImageFormat::Jpeg.into();
+        FrameProblem::from(ImageError::Decoding(DecodingError::new(format, error)))
+    };
+    if !has_jpeg_end(bytes) {
+        return Err(FrameProblem::TruncatedJpeg);
+    }
+    // Checked again: the file may be another by now.
+    if let Some(outline) = JpegOutline::read(Cursor::new(bytes)) {
+        JpegOutline { is_turned: false, ..outline }.check(divisor)?;
+    }
+    catch_decoder_panic(|| {
+        let mut decoder = jpeg_decoder::Decoder::new(bytes);
+        decoder.read_info().map_err(damaged)?;
+        let Some(info) = decoder.info() else { return Err(FrameProblem::DecoderCrash) };
+        let side = |side: u16| u32::from(side).div_ceil(divisor) as u16;
+        let (width, height) =
+            decoder.scale(side(info.width), side(info.height)).map_err(damaged)?;
+        let found = (u32::from(width), u32::from(height));
+        let orientation = decoder.exif_data().and_then(Orientation::from_exif_chunk);
+        let orientation = orientation.filter(|_| found != size);
+        let orientation = orientation.unwrap_or(Orientation::NoTransforms);
+        if turned_size(found, orientation) != size {
+            return Err(FrameProblem::Size { what: PHOTOGRAPH, expected: size, found });
+        }
+        let pixels = decoder.decode().map_err(damaged)?;
+        // Coefficients are no longer needed.
+        drop(decoder);
+        let image = match info.pixel_format {
+            PixelFormat::RGB24 => RgbImage::from_raw(found.0, found.1, pixels).map(Into::into),
+            PixelFormat::L8 => GrayImage::from_raw(found.0, found.1, pixels).map(Into::into),
+            PixelFormat::L16 | PixelFormat::CMYK32 => None,
+        };
+        let mut image: DynamicImage = image.ok_or(FrameProblem::JpegColors)?;
+        image.apply_orientation(orientation);
+        Ok(image)
+    })
 }
 
 const GRAY16_HINT: &str = "export depth as 16-bit gray PNG";
@@ -320,6 +505,15 @@ fn decode_with(
         if mib > MAX_PICTURE_MIB {
             return Err(FrameProblem::TooLarge { size: found, mib });
         }
+        // A turned picture is decoded beside the stored one.
+        if turned_size((2, 1), orientation) == (1, 2) && 2 * mib > MAX_PICTURE_MIB {
+            return Err(FrameProblem::TooLarge { size: found, mib: 2 * mib });
+        }
+        if format == Some(ImageFormat::Jpeg)
+            && let Some(outline) = JpegOutline::read(Cursor::new(bytes))
+        {
+            JpegOutline { is_turned: false, ..outline }.check(1)?;
+        }
         if format == Some(ImageFormat::Png) {
             let (width, height) = size;
             let size = [width as usize, height as usize];
@@ -390,6 +584,70 @@ mod tests {
         assert!(error.starts_with("found more than 32 MiB besides the pixels"), "{error}");
     }
 
+    /// A photograph whose red grows with the columns and green with the rows, turned by its EXIF data.
+    fn turned_jpeg() -> Vec<u8> {
+        let pixel = |x: u32, y: u32| image::Rgb([4 * x as u8, 6 * y as u8, 90]);
+        let photograph = RgbImage::from_fn(48, 40, pixel);
+        let mut jpeg = Cursor::new(Vec::new());
+        photograph.write_to(&mut jpeg, ImageFormat::Jpeg).unwrap();
+        let exif = b"\xFF\xE1\0\x22Exif\0\0MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
+        [&jpeg.get_ref()[..2], exif, &jpeg.get_ref()[2..]].concat()
+    }
+
+    #[test]
+    fn a_divided_photograph_is_the_mean_of_its_pixels() {
+        let jpeg = turned_jpeg();
+        let whole = decode_with(&jpeg, (40, 48), PHOTOGRAPH, |d| opaque(d, &jpeg)).unwrap().into_rgb8();
+        for divisor in [2, 4, 8] {
+            let size = (40 / divisor, 48 / divisor);
+            let divided = divided_jpeg(&jpeg, size, divisor).unwrap().into_rgb8();
+            for (x, y) in [(0, 0), (40 / divisor - 1, 0), (1, 48 / divisor - 1)] {
+                let of = |channel: usize| {
+                    let at = (0..divisor * divisor).map(|i| [i % divisor, i / divisor]);
+                    let values = at.map(|[i, j]| {
+                        f64::from(whole.get_pixel(divisor * x + i, divisor * y + j).0[channel])
+                    });
+                    values.sum::<f64>() / f64::from(divisor * divisor)
+                };
+                let found = divided.get_pixel(x, y).0;
+                for channel in 0..3 {
+                    let error = (f64::from(found[channel]) - of(channel)).abs();
+                    assert!(error < 6.0, "{divisor} {x} {y} {channel}: {found:?} {}", of(channel));
+                }
+            }
+        }
+        let error = divided_jpeg(&jpeg, (25, 20), 2).unwrap_err();
+        assert!(matches!(error, FrameProblem::Size { .. }), "{error}");
+        assert!(matches!(
+            divided_jpeg(&jpeg[..600], (20, 24), 2),
+            Err(FrameProblem::TruncatedJpeg)
+        ));
+    }
+
+    #[test]
+    fn large_photographs_are_divided_until_they_fit() {
+        let outline = JpegOutline::read(Cursor::new(turned_jpeg())).unwrap();
+        let (size, n_samples) = ([48, 40], outline.n_samples);
+        assert_eq!(
+            outline,
+            JpegOutline { size, n_samples, is_progressive: false, is_turned: true }
+        );
+        assert!((48 * 40..=3 * 48 * 40).contains(&n_samples), "{n_samples}");
+        let of = |width: u32, height: u32, is_progressive, is_turned| {
+            let n_samples = u64::from(width * height) * 3 / 2;
+            let size = [width, height];
+            JpegOutline { size, n_samples, is_progressive, is_turned }.decoding().divisor
+        };
+        assert_eq!([of(8192, 6144, false, false), of(8192, 6144, true, false)], [1, 2]);
+        assert_eq!([of(8192, 6144, false, true), of(6000, 4000, true, true)], [2, 1]);
+        assert_eq!([of(12000, 9000, false, false), of(16320, 12240, false, false)], [2, 4]);
+        let huge = JpegOutline { size: [u32::MAX; 2], ..outline };
+        assert!(huge.check(8).is_err() && huge.decoding().divisor == 8);
+        for end in 0..40 {
+            assert_eq!(JpegOutline::read(Cursor::new(&turned_jpeg()[..end])), None, "{end}");
+        }
+    }
+
     #[test]
     fn jpegs_have_the_bytes_of_their_rgb() {
         let pixel = |x: u32, y: u32| [(7 * x) as u8, (5 * y) as u8, (x * y) as u8];
@@ -401,7 +659,7 @@ mod tests {
         let bytes = file.into_inner();
         let expected = image::load_from_memory(&bytes).unwrap().into_rgba8();
         assert_eq!(rgba_of_jpeg(&bytes).unwrap().unwrap(), *expected);
-        let read = decode_with(&bytes, (width, height), "an image", |d| opaque(d, &bytes));
+        let read = decode_with(&bytes, (width, height), PHOTOGRAPH, |d| opaque(d, &bytes));
         assert_eq!(read.unwrap().into_rgba8(), expected);
         let mut gray = Cursor::new(Vec::new());
         DynamicImage::from(rgb).to_luma8().write_to(&mut gray, ImageFormat::Jpeg).unwrap();

@@ -5,7 +5,7 @@
 
 use super::calibration::ColorCamera;
 use super::decode;
-use super::decode::DepthEncoding;
+use super::decode::{Decoding, DepthEncoding};
 use super::depth::Depth;
 use super::distortion::Distortion;
 use super::error::{FrameError, FrameProblem};
@@ -74,6 +74,7 @@ pub(super) struct FrameFiles {
     /// The photograph's lens, if it is another.
     pub photo_lens: Option<Distortion>,
     pub mask: Option<MaskSource>,
+    pub decoding: Decoding,
 }
 
 impl FrameFiles {
@@ -191,9 +192,31 @@ impl FrameEntry {
         color.map_or(camera, |color| color.camera_at(&camera))
     }
 
-    /// Returns the size of the decoded photograph in bytes.
+    /// Returns the memory that decoding the photograph takes, in bytes.
     pub(crate) fn photograph_bytes(&self) -> u64 {
-        self.photograph_size().into_iter().fold(4, |n: u64, side| n.saturating_mul(side.into()))
+        let whole = || Decoding::whole(self.photograph_size());
+        self.frame_files().map_or_else(whole, |files| files.decoding).bytes
+    }
+
+    /// Divides the size of a photograph that would take too much memory, unless depth is registered to it.
+    pub(super) fn divide_photograph(&mut self) {
+        let size = self.photograph_size();
+        let FrameSource::Files(files) = &mut self.source else { return };
+        let is_registered = self.color_camera.is_none() && files.depth.is_some();
+        files.decoding =
+            if is_registered { Decoding::whole(size) } else { Decoding::of(&files.color, size) };
+        let divisor = files.decoding.divisor;
+        if divisor == 1 {
+            return;
+        }
+        let [width, height] = size.map(|side| side.div_ceil(divisor));
+        match &mut self.color_camera {
+            Some(camera) => {
+                let own = ColorCamera { size: Some(size), ..*camera };
+                *camera = own.scaled_to([width, height]);
+            }
+            None => self.camera.intrinsics = self.camera.intrinsics.resized(width, height),
+        }
     }
 
     fn photograph_size(&self) -> [u32; 2] {
@@ -301,8 +324,8 @@ impl FrameEntry {
         // The intrinsics come from a few images of the split or from metadata; every image must fit them.
         let k = self.photo_camera(None).intrinsics;
         let size = (k.width, k.height);
-        let color =
-            decode::color(&files.color, size).map_err(|p| self.frame_error(&files.color, p))?;
+        let color = decode::color(&files.color, size, files.decoding.divisor)
+            .map_err(|p| self.frame_error(&files.color, p))?;
         let lens = files.photo_lens();
         let mut color = lens.undistort_color(&k, &color).unwrap_or(color);
         if let Some(used) = self.mask(files)? {
@@ -317,8 +340,18 @@ impl FrameEntry {
     fn mask(&self, files: &FrameFiles) -> Result<Option<Image<bool>>, FrameError> {
         let Some(mask) = &files.mask else { return Ok(None) };
         let k = self.photo_camera(None).intrinsics;
-        let used = decode::mask(mask, (k.width, k.height));
-        used.map(Some).map_err(|p| self.frame_error(&mask.file, p))
+        let Decoding { size, divisor, .. } = files.decoding;
+        let size = if divisor == 1 { (k.width, k.height) } else { size.into() };
+        let used = decode::mask(mask, size).map_err(|p| self.frame_error(&mask.file, p))?;
+        if divisor == 1 {
+            return Ok(Some(used));
+        }
+        let mut divided = Image::filled(k.width as usize, k.height as usize, true);
+        for (i, pixel) in divided.data.iter_mut().enumerate() {
+            let at = [i % divided.width, i / divided.width].map(|at| at * divisor as usize);
+            *pixel = *used.at(at[0], at[1]);
+        }
+        Ok(Some(divided))
     }
 
     fn depth(&self, files: &FrameFiles) -> Result<Option<Depth>, FrameError> {

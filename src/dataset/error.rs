@@ -232,9 +232,12 @@ pub enum FrameProblem {
     Decode(image::ImageError),
     /// An image whose pixels take too much memory.
     #[error(
-        "found {}x{} pixels that take {mib} MiB decoded, expected at most {} MiB; export the image smaller", size.0, size.1, MAX_PICTURE_MIB
+        "found {}x{} pixels that take {mib} MiB decoded, expected at most {} MiB; export the image smaller, or as JPEG that is not progressive", size.0, size.1, MAX_PICTURE_MIB
     )]
     TooLarge { size: (u32, u32), mib: u64 },
+    /// A large JPEG of other colours than grey and RGB.
+    #[error("found a large JPEG of CMYK or 16 bits, expected RGB; export it as an RGB JPEG")]
+    JpegColors,
     /// An image with too much data besides its pixels.
     #[error(
         "found more than {} MiB besides the pixels, such as a profile of colours, expected less; export the image again without it",
@@ -254,9 +257,9 @@ pub enum FrameProblem {
     Archive(String),
     /// An archive of too many members.
     #[error(
-        "found {0} members in the archive, expected at most {MAX_MEMBERS}; record shorter pieces"
+        "found more members in the archive, expected at most {MAX_MEMBERS} members; record shorter pieces"
     )]
-    ArchiveMembers(u64),
+    ArchiveMembers,
     /// A member of an archive that is larger than stated, or compressed implausibly well.
     #[error(
         "expected a member of the size that the archive states and at most 256 MiB, found {packed} bytes that unpack to {unpacked} or more; do not trust this archive"

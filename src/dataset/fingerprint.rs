@@ -167,7 +167,7 @@ fn add_decoding(crc: &mut Crc, frame: &FrameEntry) {
         crc.intrinsics(&color.camera_at(&frame.camera).intrinsics);
     }
     let FrameSource::Files(files) = &frame.source else { return };
-    let FrameFiles { lens, photo_lens, depth, mask, color: _ } = &**files;
+    let FrameFiles { lens, photo_lens, depth, mask, color: _, decoding: _ } = &**files;
     // Nothing without another lens or a mask: fingerprints stay as they were.
     for lens in std::iter::once(lens).chain(photo_lens) {
         crc.reals(lens.radial.into_iter().chain(lens.tangential));

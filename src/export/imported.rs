@@ -15,7 +15,10 @@ use glam::{DQuat, DVec3};
 pub struct Imported {
     /// Finite splats in file order, in the file's axes (PLY, `.splat`) or rotated to z-up (glTF, SPZ). Points
     /// become opaque spheres with half the point spacing as radius. View-dependent colour has degree 1 at most.
+    /// Empty if only the outline was read.
     pub splats: SplatSet,
+    /// Number, bounds and colour of the finite splats.
+    pub outline: Outline,
     /// Kind of the rows: splats or points.
     pub kind: ModelKind,
     /// Local origin in the file's world, in the axes of `splats`; zero if the file has none.
@@ -30,6 +33,27 @@ pub struct Imported {
     pub comments: Vec<String>,
     /// Size of the file in bytes.
     pub bytes: u64,
+}
+
+/// Number, bounds and colour of a model's finite splats.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Outline {
+    /// Number of splats or points.
+    pub n_splats: usize,
+    /// Lowest and highest coordinates of the means, relative to the local origin.
+    pub bounds: Option<[DVec3; 2]>,
+    /// True if a colour depends on the direction of view.
+    pub is_directional: bool,
+}
+
+impl Outline {
+    fn add(&mut self, splat: &Splat, appearance: &Appearance) {
+        let mean = DVec3::from_array(splat.mean.map(f64::from));
+        let [lo, hi] = self.bounds.unwrap_or([mean; 2]);
+        self.bounds = Some([lo.min(mean), hi.max(mean)]);
+        self.n_splats += 1;
+        self.is_directional |= *appearance != Appearance::default();
+    }
 }
 
 // brush reads this comment as well.
@@ -195,8 +219,18 @@ const ANY_BYTES: u64 = 224_000_000;
 /// have 4.7; compressed splats with harmonics have 5.9.
 const MAX_FACTOR: u64 = 6;
 
+/// Limit on the rows of a model, and their use.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Intake {
+    pub max_splats: usize,
+    /// False if only the outline of the rows is needed.
+    pub is_stored: bool,
+}
+
 pub(super) struct Rows {
     splats: SplatSet,
+    outline: Outline,
+    is_stored: bool,
     skipped: usize,
     n_zero_rotations: usize,
     n_wild_colors: usize,
@@ -207,15 +241,27 @@ impl Rows {
     ///
     /// # Errors
     /// Fails if the rows take more than [`MAX_FACTOR`] times that size, and [`ANY_BYTES`].
-    pub fn with_capacity(n: usize, is_directional: bool, size: u64) -> Result<Self, Fault> {
+    pub fn with_capacity(
+        n: usize,
+        is_directional: bool,
+        size: u64,
+        Intake { is_stored, .. }: Intake,
+    ) -> Result<Self, Fault> {
         let appearance = if is_directional { size_of::<Appearance>() } else { 0 };
         let most = ANY_BYTES.max(MAX_FACTOR.saturating_mul(size));
         let cap = most / (size_of::<Splat>() + appearance) as u64;
         if n as u64 > cap {
             return Err(Fault::TooMany { declared: n as u64, cap: cap as usize });
         }
-        let splats: Vec<Splat> = try_with_capacity(n)?;
-        Ok(Self { splats: splats.into(), skipped: 0, n_zero_rotations: 0, n_wild_colors: 0 })
+        let splats: Vec<Splat> = try_with_capacity(if is_stored { n } else { 0 })?;
+        Ok(Self {
+            splats: splats.into(),
+            outline: Outline::default(),
+            is_stored,
+            skipped: 0,
+            n_zero_rotations: 0,
+            n_wild_colors: 0,
+        })
     }
 
     /// Normalises the quaternion `w x y z`. A zero quaternion becomes the identity and is counted.
@@ -233,7 +279,10 @@ impl Rows {
             // Only rows that are retained count as clamped.
             Some((splat, appearance)) => {
                 self.n_wild_colors += usize::from(row.is_color_out_of_range());
-                self.splats.push(splat, appearance);
+                self.outline.add(&splat, &appearance);
+                if self.is_stored {
+                    self.splats.push(splat, appearance);
+                }
             }
             None => self.skipped += 1,
         }
@@ -246,7 +295,7 @@ impl Rows {
         comments: Vec<String>,
     ) -> Result<Imported, Fault> {
         // An error is clearer than an empty scene.
-        if self.splats.is_empty() {
+        if self.outline.n_splats == 0 {
             return Err(Fault::NothingToImport { skipped: self.skipped });
         }
         if kind == ModelKind::PointCloud {
@@ -259,9 +308,10 @@ impl Rows {
             notes.push(Note::ColorClamped { n_splats: self.n_wild_colors });
         }
         let is_antialiased = read_statements(&comments, &mut notes);
-        let Self { splats, skipped, .. } = self;
+        let Self { splats, outline, skipped, .. } = self;
         let imported = Imported {
             splats,
+            outline,
             kind,
             local_origin: local_origin::from_comments(&comments),
             // Readers of y-up formats replace this value.

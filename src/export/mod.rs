@@ -55,8 +55,8 @@ mod write;
 
 pub use error::{ExportError, Fault};
 pub use format::{Axes, ModelFormat, SpzVersion, WriteOptions, WriteSelection};
-pub use imported::{Imported, ModelKind, Note};
-pub use read::{DEFAULT_MAX_SPLATS, check_start, read, read_up_to};
+pub use imported::{Imported, ModelKind, Note, Outline};
+pub use read::{DEFAULT_MAX_SPLATS, check_start, read, read_outline, read_up_to};
 pub use read_back::{ReadBack, read_back};
 pub use stream::WriteProgress;
 pub use write::{WriteSummary, write};

@@ -2,7 +2,7 @@
 
 use super::error::{ExportError, Fault, shorten, try_with_capacity};
 use super::gaussian::Gaussian;
-use super::imported::{Imported, ModelKind, Rows};
+use super::imported::{Imported, Intake, ModelKind, Rows};
 use super::{glb, ply, spz};
 use glam::{DMat3, DVec3};
 use std::borrow::Cow;
@@ -29,18 +29,31 @@ pub fn read(path: &Path) -> Result<Imported, ExportError> {
 /// # Errors
 /// As [`read`], and [`Fault::TooMany`] above `max_splats`.
 pub fn read_up_to(path: &Path, max_splats: usize) -> Result<Imported, ExportError> {
+    read_file_with(path, Intake { max_splats, is_stored: true })
+}
+
+/// Reads a model like [`read`] without storing its splats, for [`Imported::outline`], kind and notes.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_outline(path: &Path) -> Result<Imported, ExportError> {
+    read_file_with(path, Intake { max_splats: DEFAULT_MAX_SPLATS, is_stored: false })
+}
+
+fn read_file_with(path: &Path, intake: Intake) -> Result<Imported, ExportError> {
     let import = || {
         let (file, size) = open_file(path)?;
         // A file named without a folder is in the present one.
         let folder = path.parent().filter(|folder| *folder != "").unwrap_or(Path::new("."));
-        let imported = parse(Source::of_file(&file, size), folder, max_splats)?;
+        let imported = parse(Source::of_file(&file, size), folder, intake)?;
         Ok(Imported { bytes: size, ..imported })
     };
     import().map_err(|fault: Fault| fault.with_path(path))
 }
 
 pub(super) fn decode(bytes: &[u8]) -> Result<Imported, Fault> {
-    parse(Source::of_bytes(bytes), Path::new(""), DEFAULT_MAX_SPLATS)
+    let intake = Intake { max_splats: DEFAULT_MAX_SPLATS, is_stored: true };
+    parse(Source::of_bytes(bytes), Path::new(""), intake)
 }
 
 /// Number of bytes by which the kind of a file is told.
@@ -53,8 +66,7 @@ const PROBED_BYTES: usize = N_PROBED * ROW_BYTES;
 pub fn check_start(path: &Path) -> Result<(), ExportError> {
     let check = || {
         let (file, size) = open_file(path)?;
-        let n = size.min(PROBED_BYTES as u64) as usize;
-        kind_of(Source::of_file(&file, size).peek(n).map_err(read_fault)?).map(drop)
+        kind_of(&mut Source::of_file(&file, size)).map(drop)
     };
     check().map_err(|fault: Fault| fault.with_path(path))
 }
@@ -72,19 +84,21 @@ fn text_of(bytes: &[u8]) -> &[u8] {
     bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes).trim_ascii_start()
 }
 
-fn parse(mut source: Source, folder: &Path, max_splats: usize) -> Result<Imported, Fault> {
-    let n = source.left.min(PROBED_BYTES as u64) as usize;
-    match kind_of(source.peek(n).map_err(read_fault)?)? {
+fn parse(mut source: Source, folder: &Path, intake: Intake) -> Result<Imported, Fault> {
+    match kind_of(&mut source)? {
         // Large files of fixed rows are read in blocks.
-        FileKind::Ply => ply::read::ply(source, max_splats),
-        FileKind::Splat => read_splat(source, max_splats),
-        FileKind::Glb => glb::read::glb(&source.all()?, folder, max_splats),
-        FileKind::Gltf => glb::read::gltf(text_of(&source.all()?), folder, max_splats),
-        FileKind::Spz => spz::read::spz(&source.all()?, max_splats),
+        FileKind::Ply => ply::read::ply(source, intake),
+        FileKind::Splat => read_splat(source, intake),
+        FileKind::Glb => glb::read::glb(&source.all()?, folder, intake),
+        FileKind::Gltf => glb::read::gltf(text_of(&source.all()?), folder, intake),
+        FileKind::Spz => spz::read::spz(&source.all()?, intake),
     }
 }
 
-fn kind_of(start: &[u8]) -> Result<FileKind, Fault> {
+/// Returns the kind of an unread file by its first bytes.
+fn kind_of(source: &mut Source) -> Result<FileKind, Fault> {
+    let n = source.left.min(PROBED_BYTES as u64) as usize;
+    let start = source.peek(n).map_err(read_fault)?;
     if start.starts_with(b"ply\n") || start.starts_with(b"ply\r") {
         Ok(FileKind::Ply)
     } else if start.starts_with(b"glTF") {
@@ -233,17 +247,17 @@ pub(super) fn is_likely(bytes: &[u8]) -> bool {
     2 * probed.clone().filter(likely).count() > probed.len()
 }
 
-fn read_splat(mut source: Source, max_splats: usize) -> Result<Imported, Fault> {
+fn read_splat(mut source: Source, intake: Intake) -> Result<Imported, Fault> {
     let size = source.left;
     let n = size / ROW_BYTES as u64;
     if !size.is_multiple_of(ROW_BYTES as u64) {
         let expected = format!("a multiple of {ROW_BYTES} bytes");
         return Err(Fault::malformed(".splat", expected, format!("{size} bytes")));
     }
-    if n > max_splats as u64 {
-        return Err(Fault::TooMany { declared: n, cap: max_splats });
+    if n > intake.max_splats as u64 {
+        return Err(Fault::TooMany { declared: n, cap: intake.max_splats });
     }
-    let mut rows = Rows::with_capacity(n as usize, false, size)?;
+    let mut rows = Rows::with_capacity(n as usize, false, size, intake)?;
     for _ in 0..n {
         let record = source.take(ROW_BYTES).map_err(read_fault)?;
         let record = record.first_chunk().unwrap_or(&[0; ROW_BYTES]);

@@ -8,7 +8,7 @@ use super::runner::Scratch;
 use crate::common::layouts::TestLayout;
 use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::fs::{self, File};
 use std::io::{BufWriter, Cursor, Write};
 use std::process::Stdio;
@@ -60,6 +60,39 @@ fn png(side: u32, chunk: &[u8]) -> Vec<u8> {
 /// A black photograph.
 fn photograph([width, height]: [u32; 2]) -> Vec<u8> {
     png_of([width, height], [8, 2], &[], &zlib((height * (1 + 3 * width)) as usize))
+}
+
+/// A grey JPEG of this size, in colours of half the size if they are subsampled, and turned by its EXIF data if
+/// that is wanted. A progressive one has no details.
+fn jpeg([width, height]: [u16; 2], is_progressive: bool, is_turned: bool) -> Vec<u8> {
+    let segment = |marker: u8, content: &[&[u8]]| {
+        let content = content.concat();
+        [&[0xFF, marker][..], &(content.len() as u16 + 2).to_be_bytes(), &content].concat()
+    };
+    // One entry, of kind 274, 16 bits, one value: 6, a turn by a quarter.
+    let exif = b"Exif\0\0MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
+    let exif = if is_turned { segment(0xE1, &[exif]) } else { Vec::new() };
+    let sides = [height.to_be_bytes(), width.to_be_bytes()].concat();
+    let components = [3, 1, 0x22, 0, 2, 0x11, 0, 3, 0x11, 0];
+    let frame = if is_progressive { 0xC2 } else { 0xC0 };
+    // Each table has one code, of one bit: no difference, and the end of a block.
+    let table = |kind: u8| segment(0xC4, &[&[kind, 1], &[0; 15], &[0]]);
+    let last = if is_progressive { 0 } else { 63 };
+    let scan = [3, 1, 0, 2, 0, 3, 0, 0, last, 0];
+    let n_blocks = 6 * usize::from(width.div_ceil(16)) * usize::from(height.div_ceil(16));
+    let n_bits = if is_progressive { n_blocks } else { 2 * n_blocks };
+    let parts = [
+        vec![0xFF, 0xD8],
+        exif,
+        segment(0xDB, &[&[0], &[1; 64]]),
+        segment(frame, &[&[8], &sides, &components]),
+        table(0),
+        table(0x10),
+        segment(0xDA, &[&scan]),
+        vec![0; n_bits.div_ceil(8)],
+        vec![0xFF, 0xD9],
+    ];
+    parts.concat()
 }
 
 /// A PNG of this size, bits per channel and kind of channels, with a chunk before its packed pixels.
@@ -181,6 +214,20 @@ fn members(n: usize) -> Vec<u8> {
     zip.finish().unwrap().into_inner()
 }
 
+/// An archive of 400,000 members behind other bytes. Its end has a record of another length than usual; another end
+/// follows, which contradicts itself.
+fn members_between_two_ends() -> Vec<u8> {
+    let mut archive = members(400_000);
+    let end = archive.split_off(archive.len() - 22);
+    let locator = archive.split_off(archive.len() - 20);
+    // The record grows by a hundred bytes, which its length states.
+    let start = archive.len() - 56;
+    archive[start + 4..start + 12].copy_from_slice(&144u64.to_le_bytes());
+    let junk = [&b"PK\x03\x04"[..], &[7; 996]].concat();
+    let other = [&b"PK\x05\x06"[..], &[0; 4], &[1, 0, 2, 0], &[0xFF, 0, 0, 0], &[0; 6]].concat();
+    [&junk, &archive, &vec![0; 100], &locator, &end, &other].map(Vec::as_slice).concat()
+}
+
 /// A scene of ten points whose buffer, a file beside it, has 8 GB.
 fn points_of_8_gb(scratch: &Scratch) -> Vec<u8> {
     let n = 8u64 << 30;
@@ -203,6 +250,22 @@ fn spz() -> Vec<u8> {
     let header = [&b"NGSP\x02\0\0\0"[..], &n.to_le_bytes(), &[0, 12, 0, 0]].concat();
     encoder.write_all(&header).unwrap();
     packed_zeros(encoder, 20 * n as usize, |encoder| encoder.finish().unwrap())
+}
+
+/// Six million splats in 13 MB: their first bytes do not compress, and the rest are zeros, whole megabytes.
+fn spz_of_noise() -> Vec<u8> {
+    let n = 6_000_000u32;
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
+    let header = [&b"NGSP\x02\0\0\0"[..], &n.to_le_bytes(), &[0, 12, 0, 0]].concat();
+    encoder.write_all(&header).unwrap();
+    let mut state = 1u64;
+    let noise = (0..13_045_248).map(|_| {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (state >> 56) as u8
+    });
+    let noise: Vec<u8> = noise.collect();
+    encoder.write_all(&noise).unwrap();
+    packed_zeros(encoder, 20 * n as usize - noise.len(), |encoder| encoder.finish().unwrap())
 }
 
 /// A scene that shows a mesh of a thousand points twenty thousand times.
@@ -279,7 +342,7 @@ fn single_files(scratch: &Scratch) -> Vec<Option<String>> {
     let colors = ["red", "green", "blue"].map(|name| ("uchar", name));
     let images = messages(3_000_000);
     let packed = zstd::encode_all(&images[..], 3).unwrap();
-    let files: [(&str, &str, Vec<u8>, &str); 22] = [
+    let files: [(&str, &str, Vec<u8>, &str); 23] = [
         (
             "JSON of 1.6 million maps",
             "a.r3d",
@@ -326,19 +389,32 @@ fn single_files(scratch: &Scratch) -> Vec<Option<String>> {
         ),
         ("archive of 400,000 members", "i.r3d", members(400_000), "at most 131072 members"),
         ("archive of 130,000 members", "j.r3d", members(130_000), "none of that name"),
+        (
+            "archive of 400,000 members and two ends",
+            "k.r3d",
+            members_between_two_ends(),
+            "at most 131072 members",
+        ),
         ("levels of glTF", "c.gltf", b"{\"a\":".repeat(1 << 20), "64 nested levels"),
     ];
     let read = |(what, name, bytes, part): (&str, &str, Vec<u8>, &str), code| {
         fs::write(scratch.path(name), bytes).unwrap();
         row(scratch, what, &format!("info {name}"), code, part)
     };
-    let sound: [(&str, &str, Vec<u8>, &str); 2] = [
+    let sound: [(&str, &str, Vec<u8>, &str); 4] = [
         (
             "PLY of 4 million points with colours",
             "d.ply",
             ply_of(4_000_000, floats.into_iter().chain(colors), 60_000_000),
             "4000000 point-cloud",
         ),
+        (
+            "PLY of 5 million points without colours",
+            "e.ply",
+            ply_of(5_000_000, floats.into_iter(), 60_000_000),
+            "5000000 point-cloud",
+        ),
+        ("SPZ of 13 MB, 6 million splats", "b.spz", spz_of_noise(), "6000000 splats"),
         ("glTF of ten points in 8 GB", "d.gltf", points_of_8_gb(scratch), "10 point-cloud"),
     ];
     let damaged = files.into_iter().map(|file| read(file, 1));
@@ -422,26 +498,97 @@ fn lists(scratch: &Scratch) -> Vec<Option<String>> {
     let images = [&n.to_le_bytes()[..], &record.repeat(n as usize)].concat();
     fs::write(scratch.path("images/sparse/0/images.bin"), images).unwrap();
     read("images", "COLMAP of 750,000 images", 1, "at most 120000 images");
+    many_frames(scratch, 78_000);
+    read("frames", "list of 78,000 frames", 0, "78000 frames");
     found
 }
 
-/// Replaces the photographs of a recording with depth of 64×48 pixels by black ones.
+/// Writes a recording whose list has so many frames, all with files: those of three frames under other names.
+fn many_frames(scratch: &Scratch, n: usize) {
+    scratch.record("frames", TestLayout::Nerfstudio, 3, 0);
+    let path = scratch.path("frames/transforms.json");
+    let mut list: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    let frames = list["frames"].as_array().unwrap().clone();
+    let many = (0..n).map(|i| {
+        let mut frame = frames[i % frames.len()].clone();
+        for key in ["file_path", "depth_file_path"] {
+            let Some(name) = frame[key].as_str().map(str::to_owned) else { continue };
+            let (folder, file) = name.rsplit_once('/').unwrap();
+            let other = format!("{folder}/{i}_{file}");
+            // A file has at most 65,000 names.
+            let is_first = i < 2 * frames.len();
+            let from = if is_first { name } else { format!("{folder}/{}_{file}", i % 6) };
+            let [from, to] = [&from, &other].map(|name| scratch.path("frames").join(name));
+            match is_first {
+                true => drop(fs::copy(from, to).unwrap()),
+                false => fs::hard_link(from, to).unwrap(),
+            }
+            frame[key] = other.into();
+        }
+        frame
+    });
+    list["frames"] = many.collect();
+    fs::write(path, list.to_string()).unwrap();
+}
+
+/// Replaces the photographs of recordings with depth of 64×48 pixels by black and grey ones.
 fn photographs(scratch: &Scratch) -> Vec<Option<String>> {
-    let sizes = [
-        ("ten photographs of 121 megapixels", [12704, 9528], 10, "at most 208 MiB"),
-        ("three photographs of 50 megapixels", [8192, 6144], 3, "photographs: 8192x6144"),
+    let files: [(&str, Vec<u8>, usize, &str); 7] = [
+        ("ten PNG of 121 megapixels", photograph([12704, 9528]), 10, "at most 208 MiB"),
+        ("three PNG of 50 megapixels", photograph([8192, 6144]), 3, "photographs: 8192x6144"),
+        ("three JPEG of 50 megapixels", jpeg([8192, 6144], false, false), 3, " 8192x6144"),
+        ("three JPEG of 108 megapixels", jpeg([12000, 9000], false, false), 3, " 6000x4500"),
+        ("three JPEG of 200 megapixels", jpeg([16320, 12240], false, false), 3, " 4080x3060"),
+        (
+            "three progressive JPEG of 50 megapixels",
+            jpeg([8192, 6144], true, false),
+            3,
+            " 4096x3072",
+        ),
+        (
+            "progressive JPEG of 200 megapixels",
+            jpeg([16320, 12240], true, false),
+            3,
+            "at most 208 MiB",
+        ),
     ];
     let mut found = Vec::new();
-    for (i, (what, size, n, part)) in sizes.into_iter().enumerate() {
+    for (i, (what, bytes, n, part)) in files.into_iter().enumerate() {
         let name = format!("photographs{i}");
         scratch.record(&name, TestLayout::Open3d, n, 0);
-        let packed = photograph(size);
         for file in fs::read_dir(scratch.path(&name).join("color")).unwrap() {
-            fs::write(file.unwrap().path(), &packed).unwrap();
+            fs::write(file.unwrap().path(), &bytes).unwrap();
         }
         found.push(row(scratch, what, &format!("info {name}"), 0, part));
     }
+    found.push(turned_photographs(scratch));
     found
+}
+
+/// Replaces the photographs of a recording by ones that their EXIF data turns to the shape which its list states.
+fn turned_photographs(scratch: &Scratch) -> Option<String> {
+    scratch.record("turned", TestLayout::Nerfstudio, 3, 0);
+    let path = scratch.path("turned/transforms.json");
+    let mut list: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    let packed = jpeg([8192, 6144], false, true);
+    for frame in list["frames"].as_array().unwrap() {
+        let name = frame["file_path"].as_str().unwrap();
+        fs::write(scratch.path("turned").join(name), &packed).unwrap();
+    }
+    let row = [&[0][..], &[3, 232].repeat(48)].concat();
+    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
+    encoder.write_all(&row.repeat(64)).unwrap();
+    let depth = png_of([48, 64], [16, 0], &[], &encoder.finish().unwrap());
+    for file in fs::read_dir(scratch.path("turned/depths")).unwrap() {
+        fs::write(file.unwrap().path(), &depth).unwrap();
+    }
+    for (key, value) in
+        [("w", 6144), ("h", 8192), ("fl_x", 5000), ("fl_y", 5000), ("cx", 3072), ("cy", 4096)]
+    {
+        list[key] = value.into();
+    }
+    fs::write(path, list.to_string()).unwrap();
+    row(scratch, "three JPEG of 50 megapixels, turned", "info turned", 0, " 3072x4096")
 }
 
 /// Settings, calibration and camera path.

@@ -13,6 +13,7 @@ use crate::app::export_options;
 use crate::app::export_options::ExportKind;
 use crate::app::film::FilmRequest;
 use crate::app::opening;
+use crate::app::opening::PathProblem;
 use crate::app::panels::path::{film_choices, picture_choices};
 use crate::app::panels::status::Answer;
 use crate::app::path_dialog;
@@ -370,19 +371,12 @@ impl Studio {
     }
 
     fn ask_picture(&mut self, ui: &Ui, waker: &Waker, snapshot: &Snapshot) {
-        let (size, shown) = (&mut self.film.still_size, self.view.camera.size_px);
-        let choices = |ui: &mut Ui| picture_choices(size, shown, ui);
-        let check = |path: &Path| match path.extension() {
-            Some(ending) if ending.eq_ignore_ascii_case("png") => Ok(()),
-            _ => Err(format!("{}: expected a name that ends in .png", path.display()).into()),
-        };
+        let size = self.film.still_size;
+        let (chosen, shown) = (&mut self.film.still_size, self.view.camera.size_px);
+        let choices = |ui: &mut Ui| picture_choices(chosen, shown, ui);
+        let check = move |path: &Path| check_picture(path, size);
         let answer = self.dialogs.picture.ui(ui, waker, check, choices, |_| ());
         let Some(PathAnswer::Path(path)) = answer else { return };
-        let size = self.film.still_size;
-        if let Some(found) = report::available_bytes().and_then(|free| too_large(size, free)) {
-            self.dialogs.picture.show_problem(format!("{}: {found}", path.display()));
-            return;
-        }
         let is_training = snapshot.state == RunState::Training;
         let Some(still) = self.view.still(size, is_training) else { return };
         let started = self.film.still.start(still, path, waker.clone());
@@ -409,5 +403,34 @@ impl Studio {
         };
         let started = thread.start(self.view.learned().clone(), order, waker.clone());
         self.is_started("render the film", started);
+    }
+}
+
+/// Checks the name of a picture, and that free memory holds one of `size`.
+fn check_picture(path: &Path, size: [u32; 2]) -> Result<(), PathProblem> {
+    let refuse = |why: &str| Err(format!("{}: {why}", path.display()).into());
+    if !path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png")) {
+        return refuse("expected a name that ends in .png");
+    }
+    match report::available_bytes().and_then(|free| too_large(size, free)) {
+        Some(found) => refuse(&found),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_that_memory_cannot_hold_is_refused_by_its_dialog() {
+        let refused = |name: &str, size| {
+            let found = check_picture(Path::new(name), size).err();
+            found.map(|problem| problem.text)
+        };
+        assert_eq!(refused("view.PNG", [64, 48]), None);
+        assert!(refused("view.jpg", [64, 48]).is_some_and(|text| text.contains("ends in .png")));
+        let text = refused("view.png", [1 << 20; 2]).unwrap_or_default();
+        assert!(text.starts_with("view.png: ") && text.contains("smaller picture"), "{text}");
     }
 }

@@ -51,12 +51,9 @@ fn recognise(folder: &Folder) -> Option<String> {
 }
 
 fn lists(folder: &Folder) -> Vec<&str> {
-    let lists = frame_lists(folder);
     // Both layouts name their lists alike, so the content decides, of all lists at once.
-    match lists.iter().any(|(_, json)| nerfstudio::is_list(json)) {
-        true => Vec::new(),
-        false => lists.into_iter().map(|(name, _)| name).collect(),
-    }
+    let own = frame_lists(folder).map(|(name, json)| (!nerfstudio::is_list(&json)).then_some(name));
+    own.collect::<Option<_>>().unwrap_or_default()
 }
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {

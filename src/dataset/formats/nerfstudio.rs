@@ -42,6 +42,8 @@ const LENS_KEYS: [&str; 6] = ["k1", "k2", "k3", "k4", "p1", "p2"];
 
 /// Key of a list of all lens terms.
 const TERM_LIST: &str = "distortion_params";
+/// Key of a frame's pose.
+const POSE: &str = "transform_matrix";
 /// Keys of the unit of depth.
 const UNITS: [&str; 2] = ["depth_unit_scale_factor", "integer_depth_scale"];
 
@@ -53,14 +55,15 @@ fn recognise(folder: &Folder) -> Option<String> {
 
 /// Returns the names of all frame lists of a folder, if one of them shows the layout.
 fn lists(folder: &Folder) -> Vec<&str> {
-    let mut lists = frame_lists(folder);
     // One list decides for all: the lists for evaluation may lack depth.
-    if !lists.iter().any(|(_, json)| is_list(json)) {
-        return Vec::new();
-    }
-    // Damaged lists remain, and are reported.
-    lists.retain(|(_, json)| json.is_null() || !array(json, "frames").is_empty());
-    lists.into_iter().map(|(name, _)| name).collect()
+    let mut is_any = false;
+    let named = frame_lists(folder).filter_map(|(name, json)| {
+        is_any = is_any || is_list(&json);
+        // Damaged lists remain, and are reported.
+        (json.is_null() || !array(&json, "frames").is_empty()).then_some(name)
+    });
+    let names = named.collect();
+    if is_any { names } else { Vec::new() }
 }
 
 /// True for frame lists of the nerfstudio layout, false for those of NeRF-synthetic.
@@ -72,7 +75,7 @@ pub(super) fn is_list(json: &Value) -> bool {
     };
     // NeRF-synthetic has no lens terms.
     let lens = bends(json) || frames.iter().any(bends);
-    let is_posed = frames.iter().any(|frame| frame.get("transform_matrix").is_some());
+    let is_posed = frames.iter().any(|frame| frame.get(POSE).is_some());
     let own = |frame: &Value| named(&DEPTH_KEYS, frame) || has_own_camera(frame);
     is_posed && (lens || frames.iter().any(own))
 }
@@ -81,17 +84,21 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let mut parsed = ParsedFolder::default();
     let names = lists(folder);
     for name in &names {
-        let (file, json) = read_list(folder, name)?;
+        let (file, mut json) = read_list(folder, name)?;
+        // Apart from the list, since each is dropped once it is read.
+        let frames = json.get_mut("frames").map(Value::take);
+        let Some(Value::Array(frames)) = frames else { continue };
         let list = FrameList { json: &json, file: &file };
         let own = split_name(name);
         let is_split = names.len() > 1 || SPLIT_NAMES.contains(&own);
-        for (split, frames) in list.splits(if is_split { own } else { SPLIT }, &mut parsed) {
+        for (split, frames) in list.splits(frames, if is_split { own } else { SPLIT }, &mut parsed)
+        {
             // Two lists of one name are two splits.
             let is_taken = parsed.splits.iter().any(|other| other.name == split);
             let split = if is_taken { format!("{split} of {name}") } else { split.to_owned() };
             let mut recording = Recording { split, ..Recording::new(folder, options) };
             list.name_unused_keys(&frames, &mut recording);
-            list.record(&frames, &mut recording)?;
+            list.record(frames, &mut recording)?;
             parsed.append(recording.finish());
         }
     }
@@ -104,12 +111,11 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
 }
 
 /// Name and content of an entry of `frames`.
-type Entry<'a> = (String, &'a Value);
+type Entry = (String, Value);
 type Size = (u32, u32);
 
 /// Files and pose of an entry, and the size of its photograph.
-struct Listed<'a> {
-    frame: &'a Value,
+struct Listed {
     pose: Pose,
     color: ByteSource,
     depth: Option<ByteSource>,
@@ -133,9 +139,14 @@ impl<'a> FrameList<'a> {
 
     /// Divides the frames by the lists of file names in `train_filenames` and so on. Without these, all
     /// frames are of the split `whole`.
-    fn splits(&self, whole: &'a str, parsed: &mut ParsedFolder) -> Vec<(&'a str, Vec<Entry<'a>>)> {
-        let frames = array(self.json, "frames").iter().enumerate();
-        let mut frames: Vec<_> = frames.map(|(i, f)| (entry_name(f, i), f)).collect();
+    fn splits(
+        &self,
+        frames: Vec<Value>,
+        whole: &'a str,
+        parsed: &mut ParsedFolder,
+    ) -> Vec<(&'a str, Vec<Entry>)> {
+        let frames = frames.into_iter().enumerate();
+        let mut frames: Vec<_> = frames.map(|(i, f)| (entry_name(&f, i), f)).collect();
         let mut splits = Vec::new();
         for split in SPLIT_NAMES {
             let names = array(self.json, &format!("{split}_filenames")).iter();
@@ -161,8 +172,8 @@ impl<'a> FrameList<'a> {
         splits
     }
 
-    fn name_unused_keys(&self, entries: &[Entry<'_>], recording: &mut Recording) {
-        let frames = || entries.iter().map(|(_, frame)| *frame);
+    fn name_unused_keys(&self, entries: &[Entry], recording: &mut Recording) {
+        let frames = || entries.iter().map(|(_, frame)| frame);
         let is_stated = |key: &str| frames().chain([self.json]).any(|o| o.get(key).is_some());
         // A list of terms replaces single ones, as the first of two units the other.
         let terms = if is_stated(TERM_LIST) { &[TERM_LIST][..] } else { &LENS_TERMS };
@@ -178,25 +189,33 @@ impl<'a> FrameList<'a> {
         name_keys(&mut recording.parsed, self.file, &found);
     }
 
-    fn record(&self, entries: &[Entry<'a>], recording: &mut Recording) -> Result<(), DatasetError> {
-        let most_color = self.photograph_size(recording.folder, entries)?;
-        let (mut seen, mut found) = (HashSet::new(), Vec::new());
-        for (name, frame) in entries {
-            if recording.folder.was_taken(name) {
+    fn record(&self, entries: Vec<Entry>, recording: &mut Recording) -> Result<(), DatasetError> {
+        let most_color = self.photograph_size(recording.folder, &entries)?;
+        let mut seen = HashSet::new();
+        let is_first: Vec<bool> = entries.iter().map(|(name, _)| seen.insert(name)).collect();
+        let mut found = Vec::new();
+        for ((name, mut frame), is_first) in entries.into_iter().zip(is_first) {
+            if recording.folder.was_taken(&name) {
                 continue;
             }
-            let listed = match seen.insert(name) {
-                true => self.listed(frame, name, recording),
+            let listed = match is_first {
+                true => self.listed(&frame, &name, recording),
                 false => Err(FrameProblem::Duplicate(format!("another entry `{name}`"))),
             };
             match listed {
-                Ok(listed) => found.push((name, listed)),
-                Err(problem) => recording.skip(name, self.file.to_owned(), problem),
+                Ok(listed) => {
+                    // Half of the frame's memory.
+                    if let Some(keys) = frame.as_object_mut() {
+                        keys.remove(POSE);
+                    }
+                    found.push((name, frame, listed));
+                }
+                Err(problem) => recording.skip(&name, self.file.to_owned(), problem),
             }
         }
         // Photographs of one size have depth of one size.
         let mut depths: HashMap<Size, Vec<&ByteSource>> = HashMap::new();
-        for (_, Listed { size, depth, .. }) in &found {
+        for (_, _, Listed { size, depth, .. }) in &found {
             depths.entry(*size).or_default().extend(depth);
         }
         // Unreadable files are reported when their frames are loaded.
@@ -205,15 +224,15 @@ impl<'a> FrameList<'a> {
         let depths: HashMap<Size, Option<Size>> =
             depths.iter().map(|(size, files)| (*size, depth_size(files))).collect();
         let mut refused = None;
-        for (name, listed) in found {
+        for (name, json, listed) in found {
             let depth = depths.get(&listed.size).copied().flatten();
-            let frame = self.frame(name, listed, recording, [most_color, depth]);
+            let frame = self.frame(&name, &json, listed, recording, [most_color, depth]);
             let frame = frame.unwrap_or_else(|error| {
                 let problem = error.of_frame();
                 refused.get_or_insert(error);
                 Err(problem)
             });
-            recording.add(name, self.file, frame);
+            recording.add(&name, self.file, frame);
         }
         // What makes every frame unusable is of the list.
         match refused.filter(|_| recording.frames.is_empty()) {
@@ -269,12 +288,12 @@ impl<'a> FrameList<'a> {
 
     fn listed(
         &self,
-        frame: &'a Value,
+        frame: &Value,
         name: &str,
         recording: &Recording,
-    ) -> Result<Listed<'a>, FrameProblem> {
+    ) -> Result<Listed, FrameProblem> {
         let folder = recording.folder;
-        let matrix = || from_json(frame.get("transform_matrix"));
+        let matrix = || from_json(frame.get(POSE));
         let pose = recording.options.pose(|| Ok(Pose::from_opengl(matrix()?)?))?;
         let color = photograph(folder, name)?;
         let depth = depth_of(frame, folder)?;
@@ -286,7 +305,7 @@ impl<'a> FrameList<'a> {
         let mask = mask.transpose()?;
         // The frame's own size: images of one list may differ.
         let size = self.upright_size(frame, &color, folder)?;
-        Ok(Listed { frame, pose, color, depth, mask, size })
+        Ok(Listed { pose, color, depth, mask, size })
     }
 
     fn encoding(
@@ -319,11 +338,12 @@ impl<'a> FrameList<'a> {
     fn frame(
         &self,
         name: &str,
+        frame: &Value,
         listed: Listed,
         recording: &Recording,
         [most_color, most_depth]: [Option<Size>; 2],
     ) -> Result<Result<FrameEntry, FrameProblem>, DatasetError> {
-        let Listed { frame, pose, color, depth, mask, size } = listed;
+        let Listed { pose, color, depth, mask, size } = listed;
         // Focal lengths refer to one image size; an image of another size affects its own frame only.
         let most = if has_own_camera(frame) { size } else { most_color.unwrap_or(size) };
         let camera = self.camera(frame);
@@ -342,9 +362,9 @@ impl<'a> FrameList<'a> {
             None => None,
         };
         let cameras = cameras.with_lens(self.lens(&camera)?, self.file)?;
-        let mut frame = frame_entry(name.to_owned(), pose, cameras, color, depth);
-        frame.add_mask(mask);
-        Ok(Ok(FrameEntry { time, ..frame }))
+        let mut entry = frame_entry(name.to_owned(), pose, cameras, color, depth);
+        entry.add_mask(mask);
+        Ok(Ok(FrameEntry { time, ..entry }))
     }
 
     /// Returns the lens, stated term by term or as the list `distortion_params` of k1 k2 k3 k4 p1 p2.

@@ -244,9 +244,9 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let path = folder.path.join(archive_name(folder).unwrap_or_default());
     let damaged = |problem: FrameProblem| match problem {
         FrameProblem::Read(source) => DatasetError::Read { path: path.clone(), source },
-        FrameProblem::ArchiveMembers(found) => {
+        FrameProblem::ArchiveMembers => {
             let expected = format!("at most {MAX_MEMBERS} members");
-            metadata_error(&path, &expected, found.to_string(), "record shorter pieces")
+            metadata_error(&path, &expected, "more".to_owned(), "record shorter pieces")
         }
         other => {
             let expected = "a recording shared by Record3D";

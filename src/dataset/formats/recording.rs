@@ -9,7 +9,7 @@ use crate::dataset::calibration::{
     ColorCamera, IntrinsicsDefect, check, check_centre, from_user, have_same_aspect_ratio,
 };
 use crate::dataset::decode;
-use crate::dataset::decode::{CodeKind, DepthEncoding};
+use crate::dataset::decode::{CodeKind, Decoding, DepthEncoding};
 use crate::dataset::depth::DepthKind;
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::{
@@ -104,9 +104,13 @@ pub(super) fn frame_entry(
     depth: Option<DepthSource>,
 ) -> FrameEntry {
     let Cameras { depth: intrinsics, color: color_camera, lens, photo_lens } = cameras;
-    let files = FrameFiles { color, depth, lens, photo_lens, mask: None };
+    let decoding = Decoding::whole([0, 0]);
+    let files = FrameFiles { color, depth, lens, photo_lens, mask: None, decoding };
     let source = FrameSource::Files(Box::new(files));
-    FrameEntry { name, camera: Camera { intrinsics, pose }, color_camera, time: None, source }
+    let camera = Camera { intrinsics, pose };
+    let mut frame = FrameEntry { name, camera, color_camera, time: None, source };
+    frame.divide_photograph();
+    frame
 }
 
 /// Returns the codes of depth without a stated unit: floats in metres, or whole numbers in millimetres.

@@ -219,16 +219,16 @@ pub(super) fn array<'a>(json: &'a Value, key: &str) -> &'a [Value] {
 const LIST_PREFIX: &str = "transforms";
 
 /// Returns the frame lists of a folder: JSON files whose `frames` name files and poses, and files that are
-/// lists by their names. The value of a damaged file is null.
-pub(super) fn frame_lists(folder: &Folder) -> Vec<(&str, Value)> {
+/// lists by their names. The value of a damaged file is null. Only one of them is in memory.
+pub(super) fn frame_lists(folder: &Folder) -> impl Iterator<Item = (&str, Value)> {
     let is_posed = |f: &Value| f.get("transform_matrix").is_some() && f.get("file_path").is_some();
-    let list = |name| {
+    let list = move |name| {
         // Read completely: a list under another name is recognised by its content alone.
         let json = parse_json(&folder.peek_whole(name)).unwrap_or(Value::Null);
         let is_list = name.starts_with(LIST_PREFIX) || array(&json, "frames").iter().any(is_posed);
         is_list.then_some((name, json))
     };
-    folder.listing.files().filter(|name| name.ends_with(".json")).filter_map(list).collect()
+    folder.listing.files().filter(|name| name.ends_with(".json")).filter_map(list)
 }
 
 pub(super) fn read_list(folder: &Folder, name: &str) -> Result<(PathBuf, Value), DatasetError> {

@@ -96,7 +96,7 @@ pub fn write_keeping_old(
     Ok(atomic::write_with_backup(path, move |out| write_to(out, checkpoint.borrow()))?)
 }
 
-/// Returns an error for a model that could not be read back.
+/// Returns an error for a model or visits that could not be read back.
 fn check_readable(path: &Path, checkpoint: &Checkpoint) -> Result<(), CheckpointError> {
     // An unreadable file must not replace a valid one.
     let checked = match &checkpoint.model {
@@ -105,6 +105,9 @@ fn check_readable(path: &Path, checkpoint: &Checkpoint) -> Result<(), Checkpoint
         }
         StoredModel::Scene(state) => check::check_scene(state),
     };
+    let Cursor { frames, visited, .. } = &checkpoint.cursor;
+    let visited: Vec<u64> = visited.iter().map(|&frame| frame.into()).collect();
+    let checked = checked.and_then(|()| check::check_visited(&visited, *frames).map(drop));
     checked.map_err(|defect| CheckpointError::Unreadable { path: path.to_owned(), defect })
 }
 

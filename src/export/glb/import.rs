@@ -15,7 +15,7 @@ use crate::export::error::{Fault, shorten};
 use crate::export::gaussian::{
     AxisRotation, Gaussian, harmonic_to_color, harmonics_to_directional, linear_to_srgb,
 };
-use crate::export::imported::{Imported, ModelKind, Note, Rows};
+use crate::export::imported::{Imported, Intake, ModelKind, Note, Rows};
 use crate::export::local_origin::EXTRA;
 use crate::math::sym3::Sym3;
 use crate::model::splat::splats::{CovarianceForm, decompose};
@@ -37,7 +37,7 @@ struct Part<'a> {
 pub(super) fn model(
     root: &Root,
     buffers: &[BufferBytes],
-    max_splats: usize,
+    intake: Intake,
 ) -> Result<Imported, Fault> {
     // Subtracted from the node translation before positions are rounded to f32.
     let origin = local_origin(root);
@@ -67,10 +67,10 @@ pub(super) fn model(
             ModelKind::PointCloud => Columns::of_points(root, buffers, part, &mut notes)?,
         });
     }
-    let n_rows = checked_row_count(&columns, max_splats)?;
+    let n_rows = checked_row_count(&columns, intake.max_splats)?;
     let n_bytes = buffers.iter().fold(0, |n: u64, buffer| n.saturating_add(buffer.len() as u64));
     let is_directional = columns.iter().any(Columns::is_directional);
-    let mut rows = Rows::with_capacity(n_rows, is_directional, n_bytes)?;
+    let mut rows = Rows::with_capacity(n_rows, is_directional, n_bytes, intake)?;
     columns.iter_mut().flat_map(Columns::all).try_for_each(Column::load)?;
     let scales = ScaleForm::of(&columns);
     if scales == ScaleForm::Logarithmic {

@@ -3,7 +3,7 @@
 use super::schema::{Buffer, Root};
 use super::{EXTENSION, container, import};
 use crate::export::error::{Fault, shorten};
-use crate::export::imported::Imported;
+use crate::export::imported::{Imported, Intake};
 use crate::math::foreign::{JsonOutline, MAX_JSON_MEMORY};
 use std::borrow::Cow;
 use std::fs::File;
@@ -23,7 +23,7 @@ pub(super) const BUFFER_FILE: &str = "read the buffer file";
 pub(in crate::export) fn glb(
     bytes: &[u8],
     folder: &Path,
-    max_splats: usize,
+    intake: Intake,
 ) -> Result<Imported, Fault> {
     let (json, bin) = container::split(bytes)?;
     if json.len() > MAX_JSON_BYTES {
@@ -34,23 +34,23 @@ pub(in crate::export) fn glb(
             found,
         ));
     }
-    import_document(json, bin, folder, max_splats)
+    import_document(json, bin, folder, intake)
 }
 
 /// Reads the model of a `.gltf`, whose buffers are `data:` URIs or files in `folder`.
 pub(in crate::export) fn gltf(
     json: &[u8],
     folder: &Path,
-    max_splats: usize,
+    intake: Intake,
 ) -> Result<Imported, Fault> {
-    import_document(json, None, folder, max_splats)
+    import_document(json, None, folder, intake)
 }
 
 fn import_document(
     json: &[u8],
     bin: Option<&[u8]>,
     folder: &Path,
-    max_splats: usize,
+    intake: Intake,
 ) -> Result<Imported, Fault> {
     // Checked before parsing: the parser's own limit reports neither file nor cause.
     check_outline(json)?;
@@ -71,7 +71,7 @@ fn import_document(
     for (index, declared) in root.buffers.iter().enumerate() {
         buffers.push(buffer(declared, index, bin, folder)?);
     }
-    import::model(&root, &buffers, max_splats)
+    import::model(&root, &buffers, intake)
 }
 
 /// Bytes of a buffer.

@@ -6,7 +6,7 @@ use super::body::{Body, pick};
 use super::header::{PlyElement, PlyHeader};
 use crate::export::error::{Fault, try_with_capacity};
 use crate::export::gaussian::{Gaussian, harmonics_to_directional};
-use crate::export::imported::{Imported, ModelKind, Note, Rows};
+use crate::export::imported::{Imported, Intake, ModelKind, Note, Rows};
 use glam::{DMat3, DVec3};
 use std::f64::consts::SQRT_2;
 
@@ -25,8 +25,9 @@ pub(super) fn read(
     mut body: Body,
     header: PlyHeader,
     size: u64,
-    max_splats: usize,
+    intake: Intake,
 ) -> Result<Imported, Fault> {
+    let max_splats = intake.max_splats;
     let (mut chunks, mut words, mut sh) = (None, None, None);
     for element in &header.elements {
         match element.name.as_str() {
@@ -53,7 +54,7 @@ pub(super) fn read(
     let names = header.elements.iter().map(|element| element.name.as_str());
     let others = names.filter(|name| ![CHUNK, "vertex", "sh"].contains(name));
     let mut notes: Vec<Note> = Note::not_used("element", others).into_iter().collect();
-    let mut rows = Rows::with_capacity(n, sh.is_some(), size)?;
+    let mut rows = Rows::with_capacity(n, sh.is_some(), size, intake)?;
     let extremes = chunks.iter().flat_map(|chunk| std::iter::repeat_n(chunk, CHUNK_SPLATS));
     for (i, extremes) in (0..n).zip(extremes) {
         // Exact: f64 holds all integers of 32 bits.

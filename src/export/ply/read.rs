@@ -8,7 +8,7 @@ use super::compressed;
 use super::header::{Kind, MAX_HEADER_BYTES, PlyElement, PlyHeader};
 use crate::export::error::{Fault, shorten_to};
 use crate::export::gaussian::{Gaussian, harmonic_to_color, harmonics_to_directional, sigmoid};
-use crate::export::imported::{Imported, ModelKind, Note, Rows};
+use crate::export::imported::{Imported, Intake, ModelKind, Note, Rows};
 use crate::export::read::Source;
 use glam::{DMat3, DQuat, DVec3};
 
@@ -27,7 +27,7 @@ const SPLAT_PROPERTIES: [&str; 6] = ["f_dc_", "f_rest_", "opacity", "scale_", "r
 /// Highest degree of harmonics that trainers write.
 const MAX_DEGREE: usize = 4;
 
-pub(in crate::export) fn ply(mut source: Source, max_splats: usize) -> Result<Imported, Fault> {
+pub(in crate::export) fn ply(mut source: Source, intake: Intake) -> Result<Imported, Fault> {
     let io = |source| Fault::Io { action: "read", source };
     let size = source.left;
     let n = size.min(MAX_HEADER_BYTES as u64 + 1) as usize;
@@ -35,14 +35,14 @@ pub(in crate::export) fn ply(mut source: Source, max_splats: usize) -> Result<Im
     source.take(header.body_offset).map_err(io)?;
     let mut body = Body::new(header.encoding, source);
     if header.elements.iter().any(|element| element.name == compressed::CHUNK) {
-        return compressed::read(body, header, size, max_splats);
+        return compressed::read(body, header, size, intake);
     }
     for element in &header.elements {
         if element.name == "vertex" {
             let others = header.elements.iter().filter(|other| other.name != element.name);
             let others = others.filter(|other| other.count > 0).map(|other| other.name.as_str());
             let notes = Note::not_used("element", others).into_iter().collect();
-            return vertices(&mut body, element, notes, header.comments, [size, max_splats as u64]);
+            return vertices(&mut body, element, notes, header.comments, size, intake);
         }
         body.skip(element)?;
     }
@@ -54,16 +54,17 @@ fn vertices(
     element: &PlyElement,
     mut notes: Vec<Note>,
     comments: Vec<String>,
-    [size, max_splats]: [u64; 2],
+    size: u64,
+    intake: Intake,
 ) -> Result<Imported, Fault> {
     let n_rows = body.n_rows(element)?;
     let layout = Layout::find(element, &mut notes)?;
     // Checked after the layout, because a wrong kind of file gives the more useful message.
-    if element.count > max_splats {
-        return Err(Fault::TooMany { declared: element.count, cap: max_splats as usize });
+    if n_rows > intake.max_splats {
+        return Err(Fault::TooMany { declared: element.count, cap: intake.max_splats });
     }
     let is_directional = layout.shape.as_ref().is_some_and(|shape| shape.degree_1.is_some());
-    let mut rows = Rows::with_capacity(n_rows, is_directional, size)?;
+    let mut rows = Rows::with_capacity(n_rows, is_directional, size, intake)?;
     let mut values = vec![0.0; element.properties.len()];
     for row in 0..n_rows {
         body.read_row(element, row, &mut values)?;

@@ -1,11 +1,12 @@
 //! Decompression of an SPZ file into its columns.
 //!
-//! Sizes in a file are untrusted, and both compressions exceed ratios of a thousand. Memory therefore grows
-//! only with the data actually unpacked, and unpacking stops one byte after the size needed for the splats.
+//! Sizes in a file are untrusted, and both compressions exceed ratios of a thousand. All columns are therefore
+//! unpacked twice and never stored: once to check that they have the bytes of the splats that the header states, and
+//! once more while their rows are read. Unpacking stops one byte after the size needed for the splats.
 
 use crate::export::error::Fault;
 use flate2::bufread::GzDecoder;
-use std::io::{Read, Result as IoResult};
+use std::io::{BufReader, ErrorKind, Read};
 
 /// Size in bytes of the version 4 header, without extensions and the table of streams.
 pub(super) const NGSP_BYTES: usize = 32;
@@ -13,19 +14,53 @@ pub(super) const NGSP_BYTES: usize = 32;
 /// uncompressed lengths.
 const ENTRY_BYTES: usize = 16;
 /// Binary logarithm of the largest accepted Zstandard window.
-// The default limit of the `zstd` program.
-const MAX_WINDOW_LOG: u32 = 27;
+// Six streams are unpacked at a time. Level 19 of the `zstd` program, its highest without `--ultra`, has 23.
+const MAX_WINDOW_LOG: u32 = 24;
 /// Largest ratio of columns to file above [`ANY_FACTOR_BYTES`]. Recorded scenes compress by less than 5.
 const MAX_FACTOR: usize = 16;
 /// Largest size of columns that may be compressed by any factor, bytes: a million equal splats.
 const ANY_FACTOR_BYTES: usize = 16 << 20;
 
-pub(super) struct Unpacked {
+pub(super) struct Unpacked<'a> {
     pub header: SpzHeader,
-    /// Bytes of all splats for each column, in the order of [`SpzHeader::widths`].
-    pub columns: [Vec<u8>; 6],
+    /// Columns of all splats, in the order of [`SpzHeader::widths`].
+    pub columns: [Column<'a>; 6],
     /// Type and content of every extension record, in file order.
     pub records: Vec<(u32, Vec<u8>)>,
+}
+
+/// Bytes of a column that are not read yet. A block of them is in memory.
+pub(super) struct Column<'a> {
+    name: &'static str,
+    source: BufReader<Unpacking<'a>>,
+}
+
+/// Unpacked bytes of a file.
+type Unpacking<'a> = Box<dyn Read + 'a>;
+
+impl<'a> Column<'a> {
+    fn new(name: &'static str, source: Unpacking<'a>) -> Self {
+        Self { name, source: BufReader::new(source) }
+    }
+
+    fn empty() -> Self {
+        Self::new("", Box::new(std::io::empty()))
+    }
+
+    /// Reads the row of the next splat.
+    pub fn next<const N: usize>(&mut self) -> Result<[u8; N], Fault> {
+        let mut row = [0; N];
+        self.read(&mut row).map(|()| row)
+    }
+
+    pub fn read(&mut self, bytes: &mut [u8]) -> Result<(), Fault> {
+        let fault = |e| malformed_column(self.name, "bytes of every splat", decoder_message(&e));
+        self.source.read_exact(bytes).map_err(fault)
+    }
+}
+
+fn malformed_column(name: &str, expected: impl Into<String>, found: impl Into<String>) -> Fault {
+    Fault::malformed(format!("SPZ {name}"), expected, found)
 }
 
 /// Maximum size in bytes of the extension records of a gzip file.
@@ -45,15 +80,15 @@ fn parse_records(mut bytes: &[u8]) -> Option<Vec<(u32, Vec<u8>)>> {
     Some(records)
 }
 
-pub(super) fn gzip(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
-    one_stream(GzDecoder::new(bytes), bytes.len(), max_splats)
+pub(super) fn gzip(bytes: &[u8], max_splats: usize) -> Result<Unpacked<'_>, Fault> {
+    one_stream(|| Box::new(GzDecoder::new(bytes)), bytes.len(), max_splats)
 }
 
-pub(super) fn plain(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
+pub(super) fn plain(bytes: &[u8], max_splats: usize) -> Result<Unpacked<'_>, Fault> {
     let header = SpzHeader::parse(&header_of(&mut &*bytes)?)?;
     // Before version 4 the only compression is the outer gzip, which this file lacks.
     if header.version < 4 {
-        one_stream(bytes, bytes.len(), max_splats)
+        one_stream(|| Box::new(bytes), bytes.len(), max_splats)
     } else {
         streams(bytes, max_splats)
     }
@@ -68,17 +103,23 @@ fn header_of(source: &mut impl Read) -> Result<[u8; HEADER_BYTES], Fault> {
     Ok(header)
 }
 
-/// Reads a file of version 1 to 3 and of `size` bytes, with header and columns in one stream.
-fn one_stream(mut source: impl Read, size: usize, max_splats: usize) -> Result<Unpacked, Fault> {
+/// Reads a file of version 1 to 3 and of `size` bytes, with header and columns in one stream, which `open` starts
+/// to unpack.
+fn one_stream<'a>(
+    open: impl Fn() -> Unpacking<'a>,
+    size: usize,
+    max_splats: usize,
+) -> Result<Unpacked<'a>, Fault> {
+    let mut source = open();
     let header = SpzHeader::parse(&header_of(&mut source)?)?;
     check_count(&header, size, max_splats)?;
     if header.version > 3 {
         let found = format!("version {}", header.version);
         return Err(Fault::malformed(HEADER, "version 1 to 3 inside gzip", found));
     }
-    let mut columns: [Vec<u8>; 6] = Default::default();
-    for ((column, width), name) in columns.iter_mut().zip(header.widths()).zip(COLUMN_NAMES) {
-        *column = read_exactly(&mut source, header.n_splats as usize * width, name)?;
+    let sizes = header.widths().map(|width| header.n_splats as usize * width);
+    for (needed, name) in sizes.into_iter().zip(COLUMN_NAMES) {
+        skip(&mut source, needed, name)?;
     }
     let mut records = Vec::new();
     if header.has_extensions() {
@@ -92,15 +133,29 @@ fn one_stream(mut source: impl Read, size: usize, max_splats: usize) -> Result<U
         })?;
     }
     // This read also verifies the checksum after the last column.
-    match source.read(&mut [0]) {
-        Ok(0) => Ok(Unpacked { header, columns, records }),
-        Ok(_) => Err(Fault::malformed("SPZ", "an end after the last column", "more bytes")),
-        Err(e) => Err(Fault::malformed("SPZ", "an end after the last column", decoder_message(&e))),
+    let found = match source.read(&mut [0]) {
+        Ok(0) => None,
+        Ok(_) => Some("more bytes".to_owned()),
+        Err(e) => Some(decoder_message(&e)),
+    };
+    if let Some(found) = found {
+        return Err(Fault::malformed("SPZ", "an end after the last column", found));
     }
+    let mut columns = [(); 6].map(|()| Column::empty());
+    let mut start = HEADER_BYTES;
+    for ((column, needed), name) in columns.iter_mut().zip(sizes).zip(COLUMN_NAMES) {
+        if needed > 0 {
+            let mut source = open();
+            skip(&mut source, start, name)?;
+            *column = Column::new(name, source);
+        }
+        start += needed;
+    }
+    Ok(Unpacked { header, columns, records })
 }
 
 /// Reads a file of version 4: an uncompressed header, a table, and one Zstandard stream per column.
-fn streams(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
+fn streams(bytes: &[u8], max_splats: usize) -> Result<Unpacked<'_>, Fault> {
     let header = SpzHeader::parse(&header_of(&mut &*bytes)?)?;
     check_count(&header, bytes.len(), max_splats)?;
     let [records, table, mut rest] = split_table(bytes, &header)?;
@@ -109,22 +164,23 @@ fn streams(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
     let records = parse_records(records).ok_or_else(fault)?;
     let entries = table.as_chunks::<8>().0.as_chunks::<2>().0.iter();
     let lengths = entries.map(|entry| entry.map(u64::from_le_bytes));
-    let mut columns: [Vec<u8>; 6] = Default::default();
+    let mut columns = [(); 6].map(|()| Column::empty());
     let named = header.widths().into_iter().zip(COLUMN_NAMES).zip(&mut columns);
     for ([packed, unpacked], ((width, name), column)) in lengths.zip(named) {
         let needed = header.n_splats as usize * width;
         if unpacked != needed as u64 {
             let expected = format!("{needed} bytes for {} splats", header.n_splats);
-            return Err(Fault::malformed(format!("SPZ {name}"), expected, unpacked.to_string()));
+            return Err(malformed_column(name, expected, unpacked.to_string()));
         }
         let there = usize::try_from(packed).ok().and_then(|n| rest.split_at_checked(n));
         let Some((stream, behind)) = there else {
             let found = format!("{} bytes", rest.len());
             let expected = format!("{packed} compressed bytes");
-            return Err(Fault::malformed(format!("SPZ {name}"), expected, found));
+            return Err(malformed_column(name, expected, found));
         };
         rest = behind;
-        *column = zstandard(stream, needed, name)?;
+        check_zstandard(stream, needed, name)?;
+        *column = Column::new(name, Box::new(zstandard(stream, name)?));
     }
     Ok(Unpacked { header, columns, records })
 }
@@ -152,34 +208,46 @@ fn split_table<'a>(bytes: &'a [u8], header: &SpzHeader) -> Result<[&'a [u8]; 3],
     })
 }
 
-fn zstandard(stream: &[u8], needed: usize, name: &str) -> Result<Vec<u8>, Fault> {
-    let fault = |e: &std::io::Error| {
-        Fault::malformed(format!("SPZ {name}"), "a Zstandard stream", decoder_message(e))
+type Zstandard<'a> = zstd::Decoder<'static, &'a [u8]>;
+
+fn zstandard<'a>(stream: &'a [u8], name: &str) -> Result<Zstandard<'a>, Fault> {
+    let fault = |e: std::io::Error| {
+        let expected =
+            format!("a Zstandard stream with a window of at most 2^{MAX_WINDOW_LOG} bytes");
+        malformed_column(name, expected, decoder_message(&e))
     };
-    let mut decoder = zstd::Decoder::with_buffer(stream).map_err(|e| fault(&e))?.single_frame();
-    decoder.window_log_max(MAX_WINDOW_LOG).map_err(|e| fault(&e))?;
-    let column = read_exactly(&mut decoder, needed, name)?;
+    let mut decoder = zstd::Decoder::with_buffer(stream).map_err(fault)?.single_frame();
+    decoder.window_log_max(MAX_WINDOW_LOG).map_err(fault)?;
+    Ok(decoder)
+}
+
+/// Checks that a stream unpacks to `needed` bytes.
+fn check_zstandard(stream: &[u8], needed: usize, name: &str) -> Result<(), Fault> {
+    let mut decoder = zstandard(stream, name)?;
+    skip(&mut decoder, needed, name)?;
     // One byte more reveals a longer stream.
     match decoder.read(&mut [0]) {
-        Ok(0) => Ok(column),
-        Ok(_) => {
-            let expected = format!("{needed} bytes");
-            Err(Fault::malformed(format!("SPZ {name}"), expected, "more"))
-        }
-        Err(e) => Err(fault(&e)),
+        Ok(0) => Ok(()),
+        Ok(_) => Err(malformed_column(name, format!("{needed} bytes"), "more")),
+        Err(e) => Err(malformed_column(name, "a Zstandard stream", decoder_message(&e))),
     }
 }
 
-/// Reads exactly `needed` bytes; memory grows only with the data received.
-fn read_exactly(source: &mut impl Read, needed: usize, name: &str) -> Result<Vec<u8>, Fault> {
-    let mut bytes = Vec::new();
-    let read: IoResult<usize> = source.by_ref().take(needed as u64).read_to_end(&mut bytes);
-    let found = match read {
-        Ok(n) if n == needed => return Ok(bytes),
-        Ok(n) => format!("{n}"),
-        Err(e) => format!("{} and then {}", bytes.len(), decoder_message(&e)),
+/// Unpacks exactly `needed` bytes, which are not stored.
+fn skip(source: &mut impl Read, needed: usize, name: &str) -> Result<(), Fault> {
+    let mut block = [0; 1 << 13];
+    let mut n = 0;
+    let found = loop {
+        let most = block.len().min(needed - n);
+        match source.read(block.get_mut(..most).unwrap_or_default()) {
+            _ if most == 0 => return Ok(()),
+            Ok(0) => break format!("{n}"),
+            Ok(read) => n += read,
+            Err(e) if e.kind() == ErrorKind::Interrupted => {}
+            Err(e) => break format!("{n} and then {}", decoder_message(&e)),
+        }
     };
-    Err(Fault::malformed(format!("SPZ {name}"), format!("{needed} bytes"), found))
+    Err(malformed_column(name, format!("{needed} bytes"), found))
 }
 
 fn decoder_message(error: &std::io::Error) -> String {

@@ -5,7 +5,7 @@ use super::container::{MAGIC, Unpacked};
 use super::quantise::{coefficient, color, first_three, fixed, half, scale, smallest_three};
 use crate::export::error::Fault;
 use crate::export::gaussian::{AxisRotation, Gaussian, harmonics_to_directional};
-use crate::export::imported::{Imported, ModelKind, Note, Rows};
+use crate::export::imported::{Imported, Intake, ModelKind, Note, Rows};
 use glam::{DMat3, DVec3};
 
 pub(in crate::export) fn is_gzip(bytes: &[u8]) -> bool {
@@ -17,10 +17,10 @@ pub(in crate::export) fn is_plain(bytes: &[u8]) -> bool {
     bytes.starts_with(MAGIC)
 }
 
-pub(in crate::export) fn spz(bytes: &[u8], max_splats: usize) -> Result<Imported, Fault> {
-    let file = match is_gzip(bytes) {
-        true => container::gzip(bytes, max_splats)?,
-        false => container::plain(bytes, max_splats)?,
+pub(in crate::export) fn spz(bytes: &[u8], intake: Intake) -> Result<Imported, Fault> {
+    let mut file = match is_gzip(bytes) {
+        true => container::gzip(bytes, intake.max_splats)?,
+        false => container::plain(bytes, intake.max_splats)?,
     };
     let header = file.header;
     let mut notes = Vec::new();
@@ -34,9 +34,9 @@ pub(in crate::export) fn spz(bytes: &[u8], max_splats: usize) -> Result<Imported
     let turn = axes(&file.records, &mut notes).then(AxisRotation::Y_UP_TO_Z_UP);
     let is_directional = header.n_coefficients() > 0;
     let size = (bytes.len() as u64).saturating_mul(USUAL_FACTOR);
-    let mut rows = Rows::with_capacity(header.n_splats as usize, is_directional, size)?;
-    for i in 0..header.n_splats as usize {
-        let splat = splat(&file, i, &mut rows);
+    let mut rows = Rows::with_capacity(header.n_splats as usize, is_directional, size, intake)?;
+    for _ in 0..header.n_splats {
+        let splat = splat(&mut file, &mut rows)?;
         rows.push(splat.rotated(&turn));
     }
     let imported = rows.finish(ModelKind::Splats, notes, Vec::new())?;
@@ -91,44 +91,44 @@ const MAX_NAMED_RECORDS: usize = 8;
 const USUAL_FACTOR: u64 = 5;
 
 const N_DEGREE_1: usize = 3;
+/// Largest number of harmonic coefficients per channel, of degree 4.
+const MAX_COEFFICIENTS: usize = 24;
 
-fn splat(file: &Unpacked, i: usize, rows: &mut Rows) -> Gaussian {
+/// Reads the next splat.
+fn splat(file: &mut Unpacked, rows: &mut Rows) -> Result<Gaussian, Fault> {
     let header = &file.header;
-    let [positions, opacities, colors, scales, rotations, harmonics] = &file.columns;
+    let [positions, opacities, colors, scales, rotations, harmonics] = &mut file.columns;
     let mean = match header.version {
         1 => {
-            let [a, b, c, d, e, f] = row(positions, i);
+            let [a, b, c, d, e, f] = positions.next()?;
             [[a, b], [c, d], [e, f]].map(half)
         }
         _ => {
-            let [a, b, c, d, e, f, g, h, j] = row(positions, i);
+            let [a, b, c, d, e, f, g, h, j] = positions.next()?;
             [[a, b, c], [d, e, f], [g, h, j]].map(|bytes| fixed(bytes, header.fraction_bits))
         }
     };
     let rotation = match header.version {
-        1 | 2 => first_three(row(rotations, i)),
-        _ => smallest_three(row(rotations, i)),
+        1 | 2 => first_three(rotations.next()?),
+        _ => smallest_three(rotations.next()?),
     };
     let directional = match header.n_coefficients() {
         0 => DMat3::ZERO,
         n => {
-            let coefficients = harmonics.get(i * 3 * n..).unwrap_or_default();
-            let of = |k: usize| DVec3::from_array(row(coefficients, k).map(coefficient));
-            harmonics_to_directional([of(0), of(1), of(2)])
+            let mut bytes = [[0; 3]; MAX_COEFFICIENTS];
+            harmonics.read(bytes.as_flattened_mut().get_mut(..3 * n).unwrap_or_default())?;
+            let [first, second, third, ..] = bytes;
+            let vector = |bytes: [u8; 3]| DVec3::from_array(bytes.map(coefficient));
+            harmonics_to_directional([first, second, third].map(vector))
         }
     };
-    let [opacity] = row(opacities, i);
-    Gaussian {
+    let [opacity] = opacities.next()?;
+    Ok(Gaussian {
         mean: DVec3::from_array(mean),
         opacity: f64::from(opacity) / 255.0,
-        color: color(row(colors, i)),
-        scale: scale(row(scales, i)),
+        color: color(colors.next()?),
+        scale: scale(scales.next()?),
         rotation: rows.rotation(rotation),
         directional,
-    }
-}
-
-fn row<const N: usize>(column: &[u8], i: usize) -> [u8; N] {
-    // Never missing: columns have the bytes of all splats.
-    column.as_chunks().0.get(i).copied().unwrap_or([0; N])
+    })
 }

@@ -56,10 +56,17 @@ pub struct SavedRun {
 impl SavedRun {
     /// Reads a checkpoint and checks that its sections match each other.
     pub fn read(path: &Path) -> Result<Self, RunError> {
-        let LoadedCheckpoint { checkpoint: content, version, bytes } = checkpoint::read(path)?;
+        let LoadedCheckpoint { checkpoint, version, bytes } = checkpoint::read(path)?;
+        Ok(Self { version, bytes, ..Self::new(path, checkpoint)? })
+    }
+
+    /// Creates the run of a checkpoint's content and checks that its sections match each other. The file need not
+    /// exist; it counts no bytes.
+    pub(super) fn new(path: &Path, content: Checkpoint) -> Result<Self, RunError> {
         let config: RunConfig = parse(path, "CONF", &content.config)?;
         let meta = parse(path, "META", &content.meta)?;
-        let run = Self { path: path.to_owned(), version, bytes, config, meta, content };
+        let (path, version) = (path.to_owned(), checkpoint::VERSION);
+        let run = Self { path, version, bytes: 0, config, meta, content };
         // Sections may be valid and yet contradict each other.
         run.config.method.as_any().check(&run.content.model).map_err(|why| run.mismatch(why))?;
         run.check_visits()?;

@@ -67,17 +67,18 @@ impl Session {
         Ok(checkpoint::write_keeping_old(path, self.checkpoint()?)?)
     }
 
-    /// Saves the state after a panic, possibly in the middle of a frame. Removes the new file if it
-    /// cannot be read back. Retains an older file as `<name>.bak`.
+    /// Saves the state after a panic, possibly in the middle of a frame. Writes only what can be read back.
+    /// Retains an older file as `<name>.bak`.
     ///
     /// # Errors
     /// Message that states why no file was saved; after a second panic, the message of that panic.
     pub fn save_after_panic(&self, path: &Path) -> Result<(), String> {
         let attempt = || -> Result<(), String> {
-            self.save_keeping_old(path).map_err(|error| error.to_string())?;
-            let read = SavedRun::read(path).map(drop).map_err(|error| error.to_string());
-            // An unreadable file could be mistaken for a valid scene.
-            read.inspect_err(|_| drop(std::fs::remove_file(path)))
+            let content = self.checkpoint().map_err(|error| error.to_string())?;
+            // Checked as the file will be, before it is written: reading it back takes twice its size in memory.
+            let run = SavedRun::new(path, content).map_err(|error| error.to_string())?;
+            let written = checkpoint::write_keeping_old(path, &run.content);
+            written.map(drop).map_err(|error| error.to_string())
         };
         // The state after a panic may be inconsistent and panic again.
         catch_unwind(AssertUnwindSafe(attempt))

@@ -4,7 +4,7 @@ use super::config::COMPONENT_BYTES;
 use serde::{Deserialize, Serialize};
 
 /// Default structural scale of depth images of [`LARGE_IMAGE`] pixels and more, in pixels.
-const COARSEST_DEFAULT: f64 = 2.5;
+pub(crate) const COARSEST_DEFAULT: f64 = 2.5;
 /// Default structural scale of small depth images, in pixels. Finer ones bring less than 0.1 dB
 /// (`scene.md`, Births).
 const FINEST_DEFAULT: f64 = 2.0;

@@ -83,4 +83,9 @@ fn what_no_reader_takes_is_not_written() {
         assert_eq!(read(&path).unwrap().checkpoint, sound);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
+    let mut unsound = sound.clone();
+    unsound.cursor.frames = unsound.cursor.visited.len() as u64 + 1;
+    let error = write(&path, &unsound).unwrap_err().to_string();
+    assert!(error.contains("trained frames, found"), "{error}");
+    assert_eq!(read(&path).unwrap().checkpoint, sound);
 }

@@ -195,7 +195,7 @@ impl ColorPair {
 }
 
 fn load_grey(shot: &ImagePair, k: &Intrinsics) -> Option<Image<f32>> {
-    let color = shot.read(|| decode::color(&shot.color.1, (k.width, k.height)))?;
+    let color = shot.read(|| decode::color(&shot.color.1, (k.width, k.height), 1))?;
     let (columns, rows) = (color.width / SQUARE, color.height / SQUARE);
     let mut means = Image::filled(columns, rows, 0.0);
     for (row, line) in means.data.chunks_mut(columns.max(1)).enumerate() {
