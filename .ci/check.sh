@@ -29,6 +29,9 @@ gate env RUSTDOCFLAGS="-D warnings" \
 gate cargo test --release
 # A robot's program feeds the engine from memory; the tests have built it.
 gate cargo run --locked --release --example robot
+# The engine as a Python package; tested as the system's Python finds it.
+gate cargo clippy --locked --release --package vbgs-studio-python -- -D warnings
+gate python/check --locked
 # Figures of time are of a quiet machine, and pictures are looked at: those run by name.
 gate cargo test --release -- --ignored --skip figures --skip pictures
 # What machines without AVX2 run passes the same tests. The window's own code has no lanes.

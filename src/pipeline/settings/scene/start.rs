@@ -42,16 +42,7 @@ impl SceneRun {
         plan: &Plan,
         overrides: &SceneOverrides,
     ) -> Result<Self, SceneError> {
-        let mut run = Self::defaults(dataset, plan, overrides);
-        check_plain_splats(overrides)?;
-        overrides.apply(&mut run);
-        SceneOverrides::check(&run)?;
-        check_photometric(overrides, &run.engine)?;
-        // Plain splats are exported without loss, which textures would be.
-        let is_plain = overrides.splats == Some(SplatKind::Plain);
-        if overrides.textures.is_none() && (run.engine.photometric.is_none() || is_plain) {
-            run.engine.texture_mb = 0;
-        }
+        let run = Self::defaults(dataset, plan, overrides).overridden(overrides)?;
         // Checked before frames are sampled, so that a calibration for another aspect ratio is refused
         // at once.
         if let Some(camera) = run.surface.calibration.as_ref().and_then(|given| given.color_camera)
@@ -104,14 +95,51 @@ impl SceneRun {
         });
         let mut surface = SurfaceSettings::new(dataset, origin);
         surface.sensor = overrides.sensor.unwrap_or(surface.sensor);
+        let mut run = Self::of_surface(surface, pixels, Self::default_scale(dataset, plan));
+        run.engine.track = dataset.options.track;
+        run
+    }
+
+    /// Returns the settings for frames from memory, whose colour is registered to depth, with structural scale
+    /// `h` in world units. `n_pixels` is the size of a depth image, `origin` the world position to which the
+    /// scene's positions are relative.
+    ///
+    /// # Errors
+    /// [`ConfigError`] for a setting out of range.
+    pub fn of_memory(
+        sensor: Sensor,
+        n_pixels: usize,
+        h: f64,
+        origin: DVec3,
+        overrides: &SceneOverrides,
+    ) -> Result<Self, ConfigError> {
+        let surface = SurfaceSettings::of_sensor(overrides.sensor.unwrap_or(sensor), origin);
+        let defaults = Self::of_surface(surface, n_pixels, StructuralScale::World(h));
+        let mut run = defaults.overridden(overrides)?;
+        run.engine.h = h;
+        Ok(Self { engine: run.engine.check()?, ..run })
+    }
+
+    fn overridden(mut self, overrides: &SceneOverrides) -> Result<Self, ConfigError> {
+        check_plain_splats(overrides)?;
+        overrides.apply(&mut self);
+        SceneOverrides::check(&self)?;
+        check_photometric(overrides, &self.engine)?;
+        // Plain splats are exported without loss, which textures would be.
+        let is_plain = overrides.splats == Some(SplatKind::Plain);
+        if overrides.textures.is_none() && (self.engine.photometric.is_none() || is_plain) {
+            self.engine.texture_mb = 0;
+        }
+        Ok(self)
+    }
+
+    fn of_surface(mut surface: SurfaceSettings, n_pixels: usize, scale: StructuralScale) -> Self {
         // Computed depth has no mixed pixels. At a crease, where no plane fits, it is still correct.
         surface.flying_pixels = !matches!(surface.sensor, Sensor::Exact { .. });
-        surface.sampling = sampling(surface.sensor, pixels);
+        surface.sampling = sampling(surface.sensor, n_pixels);
         let mut engine = sensor_defaults(surface.sensor);
         engine.photometric = PhotometricMode::Light.rule();
         engine.texture_mb = DEFAULT_TEXTURE_MB;
-        engine.track = dataset.options.track;
-        let scale = Self::default_scale(dataset, plan);
         Self { seed: 0, scale, budget: None, engine, surface }
     }
 }
