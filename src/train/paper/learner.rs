@@ -61,7 +61,8 @@ impl<R: PaperScalar> NormalizedTrainer<R> {
 
 impl<R: PaperScalar> Learns<Points<f32>> for NormalizedTrainer<R> {
     fn learn(&mut self, points: &Points<f32>) -> Result<FrameOutcome, IndexError> {
-        self.trainer.train(R::points(points, &mut self.widened))
+        // Inside the thread pool: starting each of a frame's parallel loops from outside would wake threads.
+        rayon::scope(|_| self.trainer.train(R::points(points, &mut self.widened)))
     }
 }
 

@@ -115,7 +115,7 @@ impl SceneTrainer {
 
     fn settle_photographs(&mut self) -> bool {
         let deviations = self.poses.photograph_deviations(&self.scene);
-        self.photographs.settle(&self.scene, deviations)
+        rayon::scope(|_| self.photographs.settle(&self.scene, deviations))
     }
 
     fn learn_photograph(&mut self, frame: &Observation, camera: &Camera, gain: [f32; 3]) {
@@ -149,7 +149,9 @@ impl SceneTrainer {
     pub fn train(&mut self, frame: &Observation) -> FrameOutcome {
         let mut clock = FrameClock::start();
         self.changes.restart(self.photographs.resume());
-        let outcome = self.learn_frame(frame, &mut clock);
+        // Inside the thread pool: a frame has a hundred short parallel loops, and starting each from outside would
+        // wake threads.
+        let outcome = rayon::scope(|_| self.learn_frame(frame, &mut clock));
         FrameOutcome { ms: clock.finish(), ..outcome }
     }
 

@@ -151,9 +151,7 @@ impl Poses {
         let recent = &self.corrections[self.corrections.len().saturating_sub(RECENT)..];
         let recorded = &part.camera.pose;
         let likely = Motion::between(recorded, &corrected(recent, reach(scene.config.h), recorded));
-        // Inside the thread pool: rounds are many and short, and starting each from outside would wake
-        // threads.
-        rayon::scope(|_| Alignment::new(scene).motion(part, likely, owners))
+        Alignment::new(scene).motion(part, likely, owners)
     }
 
     /// Logs a frame's exposure and pose correction, if they were estimated, and reclaims the point

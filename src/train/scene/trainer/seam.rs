@@ -30,21 +30,7 @@ impl Learns<Observation> for SceneTrainer {
     fn revisit_photograph(&mut self, frame: &Observation) -> FrameOutcome {
         let mut clock = FrameClock::start();
         self.changes.restart(self.photographs.resume());
-        let placed = self.poses.align(&self.scene, frame, &mut self.points.owners);
-        clock.lap(SceneStage::Pose);
-        let points = placed.points(frame);
-        // Without sums a frame says nothing about the time of a fit.
-        self.points.fits.begin_untimed_frame();
-        self.points.assign(&self.scene, points);
-        let gain = self.points.gain(&self.scene, points, frame.point_weight);
-        let is_outlier = self.is_outlier(frame, &placed, gain);
-        clock.lap(SceneStage::Assign);
-        if !is_outlier {
-            self.learn_photograph(frame, &placed.camera, gain);
-        }
-        self.poses.recycle(placed);
-        self.end_frame();
-        clock.lap_photographs(&mut self.photographs);
+        rayon::scope(|_| self.revisit(frame, &mut clock));
         FrameOutcome { ms: clock.finish(), ..FrameOutcome::default() }
     }
 }
@@ -147,6 +133,24 @@ impl Learner for SceneTrainer {
 }
 
 impl SceneTrainer {
+    fn revisit(&mut self, frame: &Observation, clock: &mut FrameClock) {
+        let placed = self.poses.align(&self.scene, frame, &mut self.points.owners);
+        clock.lap(SceneStage::Pose);
+        let points = placed.points(frame);
+        // Without sums a frame says nothing about the time of a fit.
+        self.points.fits.begin_untimed_frame();
+        self.points.assign(&self.scene, points);
+        let gain = self.points.gain(&self.scene, points, frame.point_weight);
+        let is_outlier = self.is_outlier(frame, &placed, gain);
+        clock.lap(SceneStage::Assign);
+        if !is_outlier {
+            self.learn_photograph(frame, &placed.camera, gain);
+        }
+        self.poses.recycle(placed);
+        self.end_frame();
+        clock.lap_photographs(&mut self.photographs);
+    }
+
     /// Replaces the rule by which splats are computed from points.
     pub fn set_splat_rule(&mut self, rule: SplatRule) {
         self.scene.config.splat_rule = rule;
