@@ -597,7 +597,8 @@ mod tests {
     #[test]
     fn a_divided_photograph_is_the_mean_of_its_pixels() {
         let jpeg = turned_jpeg();
-        let whole = decode_with(&jpeg, (40, 48), PHOTOGRAPH, |d| opaque(d, &jpeg)).unwrap().into_rgb8();
+        let whole =
+            decode_with(&jpeg, (40, 48), PHOTOGRAPH, |d| opaque(d, &jpeg)).unwrap().into_rgb8();
         for divisor in [2, 4, 8] {
             let size = (40 / divisor, 48 / divisor);
             let divided = divided_jpeg(&jpeg, size, divisor).unwrap().into_rgb8();
