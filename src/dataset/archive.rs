@@ -155,8 +155,10 @@ pub(super) fn unpack(path: &Path) -> Result<Unpacked, DatasetError> {
         true => lasting.to_owned(),
         false => std::env::temp_dir(),
     };
-    let failed =
-        |problem| DatasetError::Unpack { path: path.to_owned(), to: parent.clone(), problem };
+    let failed = |problem| {
+        let (path, to) = (path.to_owned(), parent.clone());
+        DatasetError::Unpack { path, to, problem: Box::new(problem) }
+    };
     let unwritable = |source| failed(FrameProblem::Read(source));
     ExtractionFolder::remove_leftovers(&parent);
     let temporary = ExtractionFolder::create_in(&parent).map_err(unwritable)?;

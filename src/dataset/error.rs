@@ -50,7 +50,7 @@ pub enum DatasetError {
     #[error(
         "{}: unpacking to {}: {problem}; free space there, or unpack it yourself and open its folder", path.display(), to.display()
     )]
-    Unpack { path: PathBuf, to: PathBuf, problem: FrameProblem },
+    Unpack { path: PathBuf, to: PathBuf, problem: Box<FrameProblem> },
     /// More than one layout matches the folder.
     #[error(
         "{}: expected one recording, found two layouts at once ({found}); give each a folder of its own", path.display()

@@ -3,7 +3,7 @@
 use super::{fixed64, fixed128, means_f32, mixture, sample, samples};
 use std::path::Path;
 use vbgs_studio::export::checkpoint::{
-    CheckpointError, is_checkpoint, read, to_bytes, write, write_keeping_old,
+    Checkpoint, CheckpointError, is_checkpoint, read, to_bytes, write, write_keeping_old,
 };
 
 fn message(path: &Path) -> String {
@@ -72,7 +72,9 @@ fn what_no_reader_takes_is_not_written() {
     write(&path, &sound).unwrap();
     let mut unsound = sound.clone();
     mixture(&mut unsound).2.alpha_init[1] = f64::NAN;
-    for write in [write, write_keeping_old] {
+    let writers: [fn(&Path, &Checkpoint) -> Result<u64, CheckpointError>; 2] =
+        [write, |path, checkpoint| write_keeping_old(path, checkpoint)];
+    for write in writers {
         let error = write(&path, &unsound).unwrap_err();
         assert!(matches!(error, CheckpointError::Unreadable { .. }), "{error}");
         let said = error.to_string();
