@@ -575,9 +575,9 @@ fn turned_photographs(scratch: &Scratch) -> Option<String> {
         let name = frame["file_path"].as_str().unwrap();
         fs::write(scratch.path("turned").join(name), &packed).unwrap();
     }
-    let row = [&[0][..], &[3, 232].repeat(48)].concat();
+    let codes = [&[0][..], &[3, 232].repeat(48)].concat();
     let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
-    encoder.write_all(&row.repeat(64)).unwrap();
+    encoder.write_all(&codes.repeat(64)).unwrap();
     let depth = png_of([48, 64], [16, 0], &[], &encoder.finish().unwrap());
     for file in fs::read_dir(scratch.path("turned/depths")).unwrap() {
         fs::write(file.unwrap().path(), &depth).unwrap();

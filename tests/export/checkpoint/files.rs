@@ -6,6 +6,8 @@ use vbgs_studio::export::checkpoint::{
     Checkpoint, CheckpointError, is_checkpoint, read, to_bytes, write, write_keeping_old,
 };
 
+type Writer = fn(&Path, &Checkpoint) -> Result<u64, CheckpointError>;
+
 fn message(path: &Path) -> String {
     read(path).unwrap_err().to_string()
 }
@@ -72,9 +74,8 @@ fn what_no_reader_takes_is_not_written() {
     write(&path, &sound).unwrap();
     let mut unsound = sound.clone();
     mixture(&mut unsound).2.alpha_init[1] = f64::NAN;
-    let writers: [fn(&Path, &Checkpoint) -> Result<u64, CheckpointError>; 2] =
-        [write, |path, checkpoint| write_keeping_old(path, checkpoint)];
-    for write in writers {
+    let keeping_old: Writer = |path, checkpoint| write_keeping_old(path, checkpoint);
+    for write in [write, keeping_old] {
         let error = write(&path, &unsound).unwrap_err();
         assert!(matches!(error, CheckpointError::Unreadable { .. }), "{error}");
         let said = error.to_string();
