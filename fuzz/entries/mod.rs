@@ -20,7 +20,7 @@ pub struct Target {
 }
 
 /// All targets.
-pub const TARGETS: [Target; 15] = [
+pub const TARGETS: [Target; 16] = [
     Target { name: "layouts", run: folders::layout, seeds: seeds::layouts },
     Target { name: "poses", run: folders::poses, seeds: seeds::poses },
     Target { name: "images", run: folders::images, seeds: seeds::images },
@@ -31,6 +31,7 @@ pub const TARGETS: [Target; 15] = [
     Target { name: "ply", run: models::ply, seeds: seeds::ply },
     Target { name: "compressed_ply", run: models::ply, seeds: seeds::compressed_ply },
     Target { name: "spz", run: models::spz, seeds: seeds::spz },
+    Target { name: "sog", run: models::sog, seeds: seeds::sog },
     Target { name: "splat", run: models::splat, seeds: seeds::splat },
     Target { name: "glb", run: models::glb, seeds: seeds::glb },
     Target { name: "checkpoint", run: checkpoint::checkpoint, seeds: seeds::checkpoint },

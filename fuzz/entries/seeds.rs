@@ -155,6 +155,11 @@ pub fn spz() -> Vec<Vec<u8>> {
     older.into_iter().chain([plain, mirrored]).collect()
 }
 
+/// A written file, whose images are stored as they are in the archive.
+pub fn sog() -> Vec<Vec<u8>> {
+    vec![written(&WriteOptions::new(ModelFormat::Sog))]
+}
+
 /// Two splats.
 pub fn splat() -> Vec<Vec<u8>> {
     let mut bytes = Vec::new();

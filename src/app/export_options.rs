@@ -47,7 +47,7 @@ pub fn kind(kind: &mut ExportKind, has_mesh: bool, ui: &mut Ui) {
     ui.horizontal(|ui| {
         ui.label("Content");
         let all = [
-            (ExportKind::Splats, "Splats", "For viewers of Gaussian splats: .ply, .glb, .spz"),
+            (ExportKind::Splats, "Splats", "For viewers of Gaussian splats: .ply, .glb, .spz, .sog, .usda; for browsers: .html"),
             (ExportKind::PointCloud, "Point cloud", "A coloured point for each splat: .ply"),
             (
                 ExportKind::Mesh,
@@ -162,12 +162,19 @@ pub fn losses(scene: SplatView<'_>, choice: &ExportChoice) -> Vec<String> {
     if scene.finishing().exposures.is_some() {
         losses.push("Exposures of the photographs are not stored".to_owned());
     }
-    if format == ModelFormat::Spz {
+    if format == ModelFormat::Sog {
+        losses.push(
+            "SOG quantises: positions to a quarter of a small splat, sizes and colours to codebooks"
+                .to_owned(),
+        );
+    }
+    if matches!(format, ModelFormat::Spz | ModelFormat::Html) {
         losses.push(
             "SPZ quantises: positions to an eighth of a small splat, sizes and colours to 8 bits"
                 .to_owned(),
         );
-        losses.extend(choice.spz_version.loss().map(str::to_owned));
+        let version = Some(choice.spz_version).filter(|_| format == ModelFormat::Spz);
+        losses.extend(version.and_then(SpzVersion::loss).map(str::to_owned));
     }
     losses.push(
         "Evidence and uncertainty are not stored; a checkpoint (Save) stores them".to_owned(),

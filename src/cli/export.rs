@@ -31,9 +31,7 @@ fn splats(args: &ExportArgs) -> Result<(), Failure> {
         true => model::load_with_training(&args.model)?,
         false => (model::load(&args.model)?, None),
     };
-    // Both formats prescribe y as the up axis.
-    let is_turned = matches!(format, ModelFormat::Glb | ModelFormat::Spz);
-    note_assumptions(args, is_turned, &model);
+    note_assumptions(args, format.own_axes().is_some(), &model);
     let summary = write_with_progress(&args.output, "splats", |progress| {
         let options = options(args, format, &model, training.as_ref(), progress);
         write(&args.output, &model.splats, &options)
@@ -57,7 +55,7 @@ fn mesh(args: &ExportArgs) -> Result<(), Failure> {
     let format = MeshFormat::from_path(&args.output)?;
     // No other mesh format prescribes its axes.
     if format == MeshFormat::Glb {
-        y_up_axes(args, &"glb")?;
+        check_axes(args, Axes::YUp, &"glb")?;
     }
     let path = args.model.display();
     let needed = || {
@@ -162,11 +160,14 @@ fn format(args: &ExportArgs) -> Result<ModelFormat, Failure> {
         Some(FormatName::PointCloud) => ModelFormat::PointCloudPly,
         Some(FormatName::Glb) => ModelFormat::Glb,
         Some(FormatName::Spz) => ModelFormat::Spz,
+        Some(FormatName::Sog) => ModelFormat::Sog,
+        Some(FormatName::Html) => ModelFormat::Html,
+        Some(FormatName::Usda) => ModelFormat::Usda,
         None => ModelFormat::from_path(&args.output)?,
     };
     match (args.mapping.first_given_option(), format) {
         (Some(option), ModelFormat::PointCloudPly) => Err(usage!(
-            "{option}: a setting of splats, found with the format point-cloud, which contains none; leave it out or export ply, glb or spz"
+            "{option}: a setting of splats, found with the format point-cloud, which contains none; leave it out or export splats, such as ply"
         )),
         _ if args.cell.is_some() => Err(usage!(
             "--cell: a setting of meshes, found without --as mesh; add that or leave it out"
@@ -177,19 +178,22 @@ fn format(args: &ExportArgs) -> Result<ModelFormat, Failure> {
         _ if args.spz_version.is_some() && format != ModelFormat::Spz => Err(usage!(
             "--spz-version: a setting of SPZ, found with the format {format}; leave it out"
         )),
-        (_, ModelFormat::Glb | ModelFormat::Spz) => y_up_axes(args, &format).map(|()| format),
-        _ => Ok(format),
+        _ => match format.own_axes() {
+            Some(own) => check_axes(args, own, &format).map(|()| format),
+            None => Ok(format),
+        },
     }
 }
 
-fn y_up_axes(args: &ExportArgs, format: &dyn std::fmt::Display) -> Result<(), Failure> {
-    match args.axes {
-        // `as-is` is the default, so it includes commands without the option.
-        Axes::AsIs | Axes::YUp => Ok(()),
-        Axes::Viewer | Axes::ZUp => Err(usage!(
-            "--axes: expected y-up, which the format {format} prescribes, found other axes; leave the option out or write a PLY"
-        )),
+fn check_axes(args: &ExportArgs, own: Axes, format: &dyn std::fmt::Display) -> Result<(), Failure> {
+    // `as-is` is the default, so it includes commands without the option.
+    if args.axes == Axes::AsIs || args.axes == own {
+        return Ok(());
     }
+    Err(usage!(
+        "--axes: expected {own}, which the format {format} prescribes, found {}; leave the option out or write a PLY",
+        args.axes
+    ))
 }
 
 fn note_assumptions(args: &ExportArgs, is_turned: bool, model: &Model) {

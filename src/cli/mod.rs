@@ -78,6 +78,8 @@ fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
         Some(Command::Merge(args)) => export::run_merge(&args),
         Some(Command::Info(args)) => info::run(&args),
         Some(Command::Calibrate(args)) => info::run_calibrate(&args),
+        Some(Command::Manual(args)) => args::write_manual(&args)
+            .map_err(|e| failed!("{}: {e}; name an existing folder", args.folder.display())),
         #[cfg(feature = "bench")]
         Some(Command::Bench(bench)) => bench::run(&bench),
         #[cfg(feature = "bench")]

@@ -45,12 +45,25 @@ pub enum ModelFormat {
     Glb,
     /// Splats as SPZ (`files.md`, SPZ), quantised to a fifth of the size of PLY.
     Spz,
+    /// Splats as SOG (`files.md`, SOG), quantised to a tenth of the size of PLY.
+    Sog,
+    /// A page with a viewer (`files.md`, HTML), for any browser; not read.
+    Html,
+    /// Splats as particle field of OpenUSD 26.03 (`files.md`, USD), in text form; not read.
+    Usda,
 }
 
 impl ModelFormat {
     /// All formats, in the order of the menu.
-    pub const ALL: [ModelFormat; 4] =
-        [ModelFormat::Ply, ModelFormat::PointCloudPly, ModelFormat::Glb, ModelFormat::Spz];
+    pub const ALL: [ModelFormat; 7] = [
+        ModelFormat::Ply,
+        ModelFormat::PointCloudPly,
+        ModelFormat::Glb,
+        ModelFormat::Spz,
+        ModelFormat::Sog,
+        ModelFormat::Html,
+        ModelFormat::Usda,
+    ];
 
     /// Name of the format on the command line and in settings.
     pub fn name(self) -> &'static str {
@@ -63,15 +76,32 @@ impl ModelFormat {
             ModelFormat::Ply | ModelFormat::PointCloudPly => "ply",
             ModelFormat::Glb => "glb",
             ModelFormat::Spz => "spz",
+            ModelFormat::Sog => "sog",
+            ModelFormat::Html => "html",
+            ModelFormat::Usda => "usda",
+        }
+    }
+
+    /// True if files of this format can be read again.
+    pub fn is_read(self) -> bool {
+        !matches!(self, ModelFormat::Html | ModelFormat::Usda)
+    }
+
+    /// Returns the axes that the format prescribes; `None` if it has none.
+    pub fn own_axes(self) -> Option<Axes> {
+        match self {
+            ModelFormat::Ply | ModelFormat::PointCloudPly => None,
+            ModelFormat::Sog => Some(Axes::Viewer),
+            _ => Some(Axes::YUp),
         }
     }
 
     /// Returns how files of this format store the local origin.
     pub fn origin_carrier(self) -> OriginCarrier {
         match self {
-            ModelFormat::Glb => OriginCarrier::Transform,
+            ModelFormat::Glb | ModelFormat::Usda => OriginCarrier::Transform,
             ModelFormat::Ply | ModelFormat::PointCloudPly => OriginCarrier::Comment,
-            ModelFormat::Spz => OriginCarrier::None,
+            ModelFormat::Spz | ModelFormat::Sog | ModelFormat::Html => OriginCarrier::None,
         }
     }
 
@@ -86,6 +116,9 @@ impl ModelFormat {
             Some("ply") => Ok(ModelFormat::Ply),
             Some("glb") => Ok(ModelFormat::Glb),
             Some("spz") => Ok(ModelFormat::Spz),
+            Some("sog") => Ok(ModelFormat::Sog),
+            Some("html" | "htm") => Ok(ModelFormat::Html),
+            Some("usda") => Ok(ModelFormat::Usda),
             _ => Err(Fault::UnknownExtension { found: found.unwrap_or_default() }.with_path(path)),
         }
     }
@@ -93,7 +126,7 @@ impl ModelFormat {
 
 /// Unknown format name.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("expected ply, point-cloud, glb or spz, found {0:?}")]
+#[error("expected ply, point-cloud, glb, spz, sog, html or usda, found {0:?}")]
 pub struct UnknownFormat(pub String);
 
 fn unknown_format(name: &str) -> UnknownFormat {
@@ -134,7 +167,7 @@ impl SpzVersion {
     }
 }
 
-/// Axes of a written PLY. GLB and SPZ prescribe y-up and ignore this option.
+/// Axes of a written PLY. Other formats prescribe theirs and ignore this option.
 #[derive(
     Clone,
     Copy,
@@ -147,6 +180,7 @@ impl SpzVersion {
     EnumMessage,
     EnumString,
     VariantNames,
+    strum::Display,
 )]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
@@ -218,8 +252,8 @@ pub struct WriteOptions<'a> {
     pub camera_centres: &'a [DVec3],
     /// Number of training points `N_k` of each given splat. A point cloud stores it with each point.
     pub confidence: Option<&'a [f64]>,
-    /// Up direction in the world of the model, not zero. GLB and SPZ rotate it to y; a PLY stores it in
-    /// a comment.
+    /// Up direction in the world of the model, not zero. SOG rotates it to −y, other formats to y; a PLY
+    /// stores it in a comment.
     pub up: DVec3,
     /// Local origin, to which positions are relative, in world axes and units; omitted if zero. A GLB
     /// stores it as the translation of its node, a PLY as a comment. Both use the file's axes and units.
@@ -260,9 +294,9 @@ impl WriteOptions<'_> {
 
 /// File extensions that [`super::read()`] accepts, for the filters of file dialogs. The format itself is
 /// detected from the content.
-pub const READ_ENDINGS: [&str; 5] = ["ply", "glb", "gltf", "spz", "splat"];
+pub const READ_ENDINGS: [&str; 6] = ["ply", "glb", "gltf", "spz", "sog", "splat"];
 /// File extensions that [`super::write()`] writes, the default first.
-pub const WRITTEN_ENDINGS: [&str; 3] = ["ply", "glb", "spz"];
+pub const WRITTEN_ENDINGS: [&str; 6] = ["ply", "glb", "spz", "sog", "html", "usda"];
 
 /// Formats a list of extensions for a sentence, such as `.ply, .glb or .spz`.
 pub fn listed(endings: &[&str]) -> String {

@@ -102,6 +102,12 @@ impl Gaussian {
         }
     }
 
+    /// Returns the middle one of the three standard deviations.
+    pub fn middle_scale(&self) -> f64 {
+        let [a, b, c] = self.scale.to_array();
+        a.max(b).min(a.max(c)).min(b.max(c))
+    }
+
     pub fn scaled(self, factor: f64) -> Self {
         Self { mean: factor * self.mean, scale: factor * self.scale, ..self }
     }

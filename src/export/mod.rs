@@ -1,4 +1,4 @@
-//! Export and import of models: 3DGS PLY, point-cloud PLY, GLB with `KHR_gaussian_splatting`, SPZ and the
+//! Export and import of models: 3DGS PLY, point-cloud PLY, GLB with `KHR_gaussian_splatting`, SPZ, SOG and the
 //! native [`checkpoint`]. File conventions (log scales, logits, quaternion order, axes, linear colour) are
 //! converted here only; everywhere else a splat is a [`crate::model::splat::splats::Splat`].
 //!
@@ -45,12 +45,15 @@ pub mod video;
 mod detail;
 mod gaussian;
 mod glb;
+mod html;
 mod ply;
 mod read;
 mod read_back;
+mod sog;
 mod source;
 mod spz;
 pub mod stream;
+mod usd;
 mod write;
 
 pub use error::{ExportError, Fault};
@@ -60,6 +63,3 @@ pub use read::{DEFAULT_MAX_SPLATS, check_start, read, read_outline, read_up_to};
 pub use read_back::{ReadBack, read_back};
 pub use stream::WriteProgress;
 pub use write::{WriteSummary, write};
-
-#[cfg(test)]
-mod golden_tests;

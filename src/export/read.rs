@@ -3,7 +3,7 @@
 use super::error::{ExportError, Fault, shorten, try_with_capacity};
 use super::gaussian::Gaussian;
 use super::imported::{Imported, Intake, ModelKind, Rows};
-use super::{glb, ply, spz};
+use super::{glb, ply, sog, spz};
 use glam::{DMat3, DVec3};
 use std::borrow::Cow;
 use std::fs::File;
@@ -14,7 +14,7 @@ use std::path::Path;
 pub const DEFAULT_MAX_SPLATS: usize = 20_000_000;
 
 /// Reads a model: PLY (splats, points or PlayCanvas' compressed form), GLB, glTF with `data:` or sibling
-/// buffers, SPZ 1 to 4 or `.splat`. The format is detected from the content. Accepts up to
+/// buffers, SPZ 1 to 4, SOG 2 or `.splat`. The format is detected from the content. Accepts up to
 /// [`DEFAULT_MAX_SPLATS`] rows.
 ///
 /// # Errors
@@ -76,6 +76,7 @@ enum FileKind {
     Glb,
     Gltf,
     Spz,
+    Sog,
     Splat,
 }
 
@@ -92,6 +93,7 @@ fn parse(mut source: Source, folder: &Path, intake: Intake) -> Result<Imported, 
         FileKind::Glb => glb::read::glb(&source.all()?, folder, intake),
         FileKind::Gltf => glb::read::gltf(text_of(&source.all()?), folder, intake),
         FileKind::Spz => spz::read::spz(&source.all()?, intake),
+        FileKind::Sog => sog::sog(&source.all()?, intake),
     }
 }
 
@@ -107,6 +109,8 @@ fn kind_of(source: &mut Source) -> Result<FileKind, Fault> {
         Ok(FileKind::Gltf)
     } else if spz::read::is_plain(start) || spz::read::is_gzip(start) {
         Ok(FileKind::Spz)
+    } else if sog::is_zip(start) {
+        Ok(FileKind::Sog)
     } else if is_likely(start) {
         // Last, because this format has no magic bytes.
         Ok(FileKind::Splat)

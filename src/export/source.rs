@@ -101,6 +101,14 @@ impl<'a> ExportRows<'a> {
         self.view.finishing().is_antialiased
     }
 
+    /// Returns the sum of the directions in which the splats were seen, in the axes of the file; −x if they are
+    /// unknown.
+    pub fn mean_direction(&self) -> DVec3 {
+        let seen = self.view.appearance().iter().map(|appearance| appearance.observed.mean());
+        let sum = self.direction(seen.filter(|d| d.is_finite()).sum());
+        if sum == DVec3::ZERO { DVec3::NEG_X } else { sum }
+    }
+
     pub fn direction(&self, v: DVec3) -> DVec3 {
         self.turn.rotate_vector(v)
     }
@@ -131,12 +139,11 @@ fn plain(view: SplatView, row: Row, mapping: Option<Mapping>) -> Option<Gaussian
 
 pub(super) fn file_rotation(options: &WriteOptions) -> AxisRotation {
     let to_z_up = AxisRotation::to_z_up(options.up.normalize());
-    match (options.format, options.axes) {
-        (ModelFormat::Glb | ModelFormat::Spz, _) => to_z_up.then(AxisRotation::Z_UP_TO_Y_UP),
-        (_, Axes::AsIs) => AxisRotation::IDENTITY,
-        (_, Axes::Viewer) => to_z_up.then(AxisRotation::Z_UP_TO_Y_DOWN),
-        (_, Axes::YUp) => to_z_up.then(AxisRotation::Z_UP_TO_Y_UP),
-        (_, Axes::ZUp) => to_z_up,
+    match options.format.own_axes().unwrap_or(options.axes) {
+        Axes::AsIs => AxisRotation::IDENTITY,
+        Axes::Viewer => to_z_up.then(AxisRotation::Z_UP_TO_Y_DOWN),
+        Axes::YUp => to_z_up.then(AxisRotation::Z_UP_TO_Y_UP),
+        Axes::ZUp => to_z_up,
     }
 }
 

@@ -49,6 +49,45 @@ pub(super) fn write_rows(
     Ok(())
 }
 
+/// Number of bits per coordinate in a Morton code; three coordinates fit into a 64-bit word.
+pub(super) const CURVE_BITS: u32 = 21;
+
+/// Returns the order of rows along a Morton curve. `cell` returns coordinates of [`CURVE_BITS`] bits.
+pub(super) fn morton_order(n_rows: usize, cell: impl Fn(usize) -> [u64; 3] + Sync) -> Vec<u32> {
+    let key = |i: u32| {
+        let [x, y, z] = cell(i as usize);
+        spread_bits(x) | spread_bits(y) << 1 | spread_bits(z) << 2
+    };
+    let keys = (0..n_rows as u32).into_par_iter().map(|i| (key(i), i));
+    let mut keys: Vec<(u64, u32)> = keys.collect();
+    keys.par_sort_unstable();
+    keys.into_iter().map(|(_, i)| i).collect()
+}
+
+/// Spreads the lower 21 bits of `v`, with two zero bits between neighbours.
+fn spread_bits(v: u64) -> u64 {
+    let v = (v | v << 32) & 0x001F_0000_0000_FFFF;
+    let v = (v | v << 16) & 0x001F_0000_FF00_00FF;
+    let v = (v | v << 8) & 0x100F_00F0_0F00_F00F;
+    let v = (v | v << 4) & 0x10C3_0C30_C30C_30C3;
+    (v | v << 2) & 0x1249_2492_4924_9249
+}
+
+/// Quantile of the splats' sizes that represents a small splat.
+const SMALL_QUANTILE: f64 = 0.1;
+/// Number of splats sampled to estimate the quantile.
+const N_SAMPLED: usize = 4096;
+
+/// Returns the size of a small splat; `size` is some measure of it. There must be rows.
+#[expect(clippy::indexing_slicing, reason = "an export without rows is refused before")]
+pub(super) fn small_quantile(rows: &impl SplatRows, size: impl Fn(&Gaussian) -> f64) -> f64 {
+    let step = rows.n_rows().div_ceil(N_SAMPLED).max(1);
+    let mut sizes: Vec<f64> =
+        (0..rows.n_rows()).step_by(step).map(|i| size(&rows.row(i))).collect();
+    sizes.sort_by(f64::total_cmp);
+    sizes[(sizes.len() as f64 * SMALL_QUANTILE) as usize]
+}
+
 pub(super) fn put_floats(row: &mut Vec<u8>, values: &[f64]) {
     for value in values {
         row.extend_from_slice(&(*value as f32).to_le_bytes());
@@ -97,6 +136,19 @@ impl<'a> ProgressCounter<'a> {
         match self.progress.0 {
             Some(callback) if !callback(share.min(1.0)) => Err(io::Error::other(Cancelled)),
             _ => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bits_are_spread_to_every_third_place() {
+        for v in [0, 1, 0x1F_FFFF, 0x15_5555, 0x0A_AAAA, 0x12_3456, 0x1E_DCBA] {
+            let expected: u64 = (0..CURVE_BITS).map(|bit| (v >> bit & 1) << (3 * bit)).sum();
+            assert_eq!(spread_bits(v), expected, "{v:x}");
         }
     }
 }

@@ -241,7 +241,7 @@ fn paths_that_are_no_dataset() {
     }
     scratch
         .run("info list.txt")
-        .fails(1, &["list.txt", "expected a model (.ply, .glb, .gltf, .spz or .splat)"]);
+        .fails(1, &["list.txt", "expected a model (.ply, .glb, .gltf, .spz, .sog or .splat)"]);
 }
 
 #[test]

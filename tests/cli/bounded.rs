@@ -268,6 +268,23 @@ fn spz_of_noise() -> Vec<u8> {
     packed_zeros(encoder, 20 * n as usize - noise.len(), |encoder| encoder.finish().unwrap())
 }
 
+/// An archive that states this many splats, with an image of 268 million pixels.
+fn sog(n: usize) -> Vec<u8> {
+    let coded = json!({"codebook": vec![0.0; 256], "files": ["a"]});
+    let meta = json!({
+        "version": 2, "count": n, "scales": coded, "sh0": coded, "quats": {"files": ["a"]},
+        "means": {"mins": [0, 0, 0], "maxs": [1, 1, 1], "files": ["a", "a"]},
+    });
+    // A lossless WebP whose header states 16384 pixels each way; the rest is not reached.
+    let image = [&b"RIFF\x64\0\0\0WEBPVP8L\x58\0\0\0\x2f\xff\xff\xff\x0f"[..], &[0; 83]].concat();
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    for (name, content) in [("meta.json", meta.to_string().into_bytes()), ("a", image)] {
+        zip.start_file(name, SimpleFileOptions::default()).unwrap();
+        zip.write_all(&content).unwrap();
+    }
+    zip.finish().unwrap().into_inner()
+}
+
 /// A scene that shows a mesh of a thousand points twenty thousand times.
 fn instances() -> Vec<u8> {
     let n = 20_000;
@@ -379,6 +396,8 @@ fn single_files(scratch: &Scratch) -> Vec<Option<String>> {
             "splats, found 20000000",
         ),
         ("SPZ of 20 million zeros", "a.spz", spz(), "at most 16 times"),
+        ("SOG of 700,000 splats", "a.sog", sog(699_000), "16384 × 16384"),
+        ("SOG of 20 million splats", "b.sog", sog(20_000_000), "at most 16 times"),
         ("glTF of 20 million instances", "a.gltf", instances(), "at most 4000000 splats"),
         ("glTF of a buffer of 2⁶³ bytes", "b.gltf", long, "found 3 bytes"),
         (

@@ -256,6 +256,7 @@ fn absurd_and_contradicting_options_are_wrong_usage() {
         ),
         ("train room --out o --confidence 2", &["confidence", "with confidence maps, found none"]),
         ("export out/scene.ply -o a.glb --axes viewer", &["--axes", "glb", "leave"]),
+        ("export out/scene.ply -o a.sog --axes y-up", &["--axes", "expected viewer", "sog"]),
         ("export out/scene.ply -o a.spz --sh3-padding", &["--sh3-padding", "spz", "leave it out"]),
         (
             "export out/scene.ply -o a.glb --spz-version 3",

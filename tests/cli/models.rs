@@ -201,11 +201,11 @@ fn files_that_hold_no_model() {
         ("none.ply", &["expected", "found nothing", "check the spelling"][..]),
         (
             "empty.ply",
-            &["expected a model (.ply, .glb, .gltf, .spz or .splat)", "found an empty file"],
+            &["expected a model (.ply, .glb, .gltf, .spz, .sog or .splat)", "found an empty file"],
         ),
         (
             "empty.glb",
-            &["expected a model (.ply, .glb, .gltf, .spz or .splat)", "found an empty file"],
+            &["expected a model (.ply, .glb, .gltf, .spz, .sog or .splat)", "found an empty file"],
         ),
         ("short.ply", &["expected", "rows", "found", "export the file again"]),
         ("header.ply", &["expected", "found", "export the file again"]),
@@ -213,14 +213,14 @@ fn files_that_hold_no_model() {
         (
             "text.ply",
             &[
-                "expected a model (.ply, .glb, .gltf, .spz or .splat)",
+                "expected a model (.ply, .glb, .gltf, .spz, .sog or .splat)",
                 "found a file starting \"a shopping",
             ],
         ),
-        ("image.glb", &["expected a model (.ply, .glb, .gltf, .spz or .splat)", "found"]),
+        ("image.glb", &["expected a model (.ply, .glb, .gltf, .spz, .sog or .splat)", "found"]),
         (
             "cloud.obj",
-            &["expected a model (.ply, .glb, .gltf, .spz or .splat)", "found", "convert it"],
+            &["expected a model (.ply, .glb, .gltf, .spz, .sog or .splat)", "found", "convert it"],
         ),
         ("out/report.json", &["expected glTF 2.0", "found"]),
         ("room", &["expected a file", "found a folder"]),
@@ -257,8 +257,16 @@ fn places_that_take_no_files() {
     for (output, parts) in [
         ("out", &["out: expected a file", "found a folder", "name a file in it"][..]),
         ("nowhere/a.ply", &["nowhere/a.ply", "folder nowhere does not exist", "create it"]),
-        ("a.xyz", &["a.xyz", "ending in .ply, .glb or .spz", "found \"xyz\"", "rename it"]),
-        ("a", &["ending in .ply, .glb or .spz", "found \"\"", "name a format"]),
+        (
+            "a.xyz",
+            &[
+                "a.xyz",
+                "ending in .ply, .glb, .spz, .sog, .html or .usda",
+                "found \"xyz\"",
+                "rename it",
+            ],
+        ),
+        ("a", &["ending in .ply, .glb, .spz, .sog, .html or .usda", "found \"\"", "name a format"]),
     ] {
         let format = if output == "out" { "--format ply" } else { "" };
         scratch.run(&format!("export out/scene.ply -o {output} {format}")).fails(1, parts);

@@ -40,3 +40,19 @@ fn the_reference_is_the_help_of_the_program() {
     let found = fs::read_to_string(&page).unwrap();
     assert!(found == text, "{}: write it with {WRITE}=1", page.display());
 }
+
+/// Packages take manual pages and completions from the program.
+#[test]
+fn manual_pages_and_completions_name_every_command() {
+    let scratch = Scratch::empty();
+    scratch.run("manual .").succeeds();
+    let read = |name: &str| fs::read_to_string(scratch.path(name)).unwrap();
+    let (page, bash) = (read("vbgs-studio.1"), read("vbgs-studio.bash"));
+    for command in COMMANDS {
+        assert!(page.replace("\\-", "-").contains(command), "{command}");
+        assert!(bash.contains(command), "{command}");
+        assert!(read(&format!("vbgs-studio-{command}.1")).contains(".TH"), "{command}");
+    }
+    assert!(read("_vbgs-studio").starts_with("#compdef") && !read("vbgs-studio.fish").is_empty());
+    scratch.run("manual missing").fails(1, &["missing", "name an existing folder"]);
+}

@@ -225,8 +225,11 @@ fn files_of_a_far_world_say_where_it_lies() {
         scratch.run(&format!("export run/checkpoint.vbgs -o {options}")).succeeds().stderr
     };
     assert!(!export("scene.glb").contains("local origin"));
+    assert!(!export("scene.usda").contains("local origin"));
     for (to, said) in [
         ("scene.spz", "the file cannot store"),
+        ("scene.sog", "the file cannot store"),
+        ("scene.html", "the file cannot store"),
         ("cloud.ply --format point-cloud", "only a comment"),
         ("mesh.obj --as mesh", "only a comment"),
     ] {

@@ -330,7 +330,7 @@ fn comments_about_antialiasing_are_read() {
 fn antialiasing_survives_every_format() {
     let finishing = Finishing { is_antialiased: true, ..Finishing::default() };
     let model = SplatSet::from(random_splats(5, 92)).finished(finishing);
-    for format in [ModelFormat::Ply, ModelFormat::Glb, ModelFormat::Spz] {
+    for format in [ModelFormat::Ply, ModelFormat::Glb, ModelFormat::Spz, ModelFormat::Sog] {
         let file = written_as(format, &model);
         let back = read_bytes(&file).unwrap();
         assert!(is_antialiased(&back), "{format}");

@@ -43,6 +43,8 @@ fn files() -> Vec<(&'static str, Vec<u8>)> {
         ("spz 4", version_4(2, 0, &zeros(2))),
         ("spz 3 sh1", written_as(ModelFormat::Spz, &native)),
         ("spz 4 sh1", written(&native, &spz_4)),
+        ("sog", written_as(ModelFormat::Sog, &splats)),
+        ("sog sh1", written_as(ModelFormat::Sog, &native)),
     ]
 }
 
@@ -117,7 +119,7 @@ fn files_that_are_no_models() {
     assert_fails(
         "empty",
         b"",
-        &["expected a model (.ply, .glb, .gltf, .spz or .splat), found an empty file"],
+        &["expected a model (.ply, .glb, .gltf, .spz, .sog or .splat), found an empty file"],
     );
     assert_fails("png", b"\x89PNG\r\n\x1a\n", &["found a file starting"]);
     assert_fails("words", b"plywood is no model", &["plywood is no mo"]);
@@ -128,7 +130,7 @@ fn files_that_are_no_models() {
     let error = read(&folder.path().join("none.ply")).unwrap_err().to_string();
     assert!(
         error.contains(
-            "none.ply: expected a model (.ply, .glb, .gltf, .spz or .splat), found nothing"
+            "none.ply: expected a model (.ply, .glb, .gltf, .spz, .sog or .splat), found nothing"
         ),
         "{error}"
     );

@@ -1,4 +1,4 @@
-//! PLY, GLB, SPZ, `.splat` and checkpoints: golden files, round trips, foreign files, damaged files.
+//! PLY, GLB, SPZ, SOG, `.splat`, pages, USD and checkpoints: golden files, round trips, foreign files, damaged files.
 #![allow(clippy::unwrap_used)]
 
 mod allocations;
@@ -24,6 +24,8 @@ mod ply_compressed;
 mod ply_foreign;
 mod round_trip;
 mod samples;
+mod shown;
+mod sog;
 mod splat;
 mod spz;
 mod spz_written;

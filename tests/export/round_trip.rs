@@ -60,6 +60,9 @@ fn undrawable_splats_are_left_out_and_counted() {
     for format in ModelFormat::ALL {
         let summary = write(&path, &splats, &WriteOptions::new(format)).unwrap();
         assert_eq!((summary.n_written, summary.n_skipped), (6, 4), "{format}");
+        if !format.is_read() {
+            continue;
+        }
         assert_eq!(read_up_to(&path, 6).unwrap().splats.len(), 6, "{format}");
         let error = read_up_to(&path, 5).unwrap_err().to_string();
         assert!(error.contains("at most 5 splats, found 6"), "{format}: {error}");
@@ -142,9 +145,9 @@ fn formats_by_name_and_extension() {
     assert_eq!(ModelFormat::from_path(Path::new("a/B.PLY")).unwrap(), ModelFormat::Ply);
     assert_eq!(ModelFormat::from_path(Path::new("x.glb")).unwrap(), ModelFormat::Glb);
     let error = ModelFormat::from_path(Path::new("scene.obj")).unwrap_err().to_string();
-    assert!(
-        error.contains("scene.obj: expected a name ending in .ply, .glb or .spz, found \"obj\"")
-    );
+    assert!(error.contains(
+        "scene.obj: expected a name ending in .ply, .glb, .spz, .sog, .html or .usda, found \"obj\""
+    ));
     assert!("gltf".parse::<ModelFormat>().unwrap_err().to_string().contains("point-cloud"));
     assert_eq!(serde_json::to_string(&Axes::AsIs).unwrap(), "\"as-is\"");
 }

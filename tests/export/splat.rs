@@ -45,7 +45,11 @@ fn rows_that_are_no_splats_are_counted() {
 fn what_is_no_splat_file_is_refused() {
     let bytes = dot_splat(&random_splats(3, 53));
     assert_fails("cut", &bytes[..90], &[".splat: expected a multiple of 32 bytes, found 90 bytes"]);
-    assert_fails("short", &bytes[..31], &["expected a model (.ply, .glb, .gltf, .spz or .splat)"]);
+    assert_fails(
+        "short",
+        &bytes[..31],
+        &["expected a model (.ply, .glb, .gltf, .spz, .sog or .splat)"],
+    );
     assert_fails("zeros", &[0; 64], &["expected a model"]);
     assert_fails("digits", &b"0123456789".repeat(32), &["expected a model"]);
     let folder = tempfile::tempdir().unwrap();

@@ -19,6 +19,12 @@ pub enum FormatName {
     Glb,
     /// Splats as SPZ, y up; small, quantised
     Spz,
+    /// Splats as SOG, y down; the smallest, quantised
+    Sog,
+    /// A page that shows the splats in a browser, without a network
+    Html,
+    /// Splats as particle field of OpenUSD 26.03, y up; text
+    Usda,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -31,7 +37,7 @@ pub enum KindName {
 
 #[derive(Args)]
 pub struct ExportArgs {
-    /// Model: checkpoint, .ply, .glb, .gltf, .spz or .splat
+    /// Model: checkpoint, .ply, .glb, .gltf, .spz, .sog or .splat
     pub model: PathBuf,
     /// File to write
     #[arg(short, long)]
@@ -45,7 +51,7 @@ pub struct ExportArgs {
     /// Format of splats [default: by extension]
     #[arg(long, value_enum)]
     pub format: Option<FormatName>,
-    /// Axes of PLY or OBJ; GLB and SPZ are always y-up
+    /// Axes of PLY or OBJ; other formats prescribe theirs
     #[arg(long, value_parser = documented_choice::<Axes>(), default_value = "as-is")]
     pub axes: Axes,
     /// Up direction in the model's world [default: that of the model, else z]
@@ -76,16 +82,14 @@ pub struct ExportArgs {
 
 #[derive(Args)]
 pub struct MappingArgs {
-    /// Conversion of opacities above 0.99 in PLY, GLB and SPZ, for scenes with colour gradients or opacities
-    /// above 1 [default: equal-area; clip with --export-split 4]
+    /// Conversion of opacities above 0.99, for scenes with colour gradients or opacities above 1 [default: equal-area; clip with --export-split 4]
     #[arg(long, value_parser = documented_choice::<OpacityMapping>())]
     pub export_mapping: Option<OpacityMapping>,
-    /// Splats written to PLY, GLB and SPZ per splat of a scene with colour gradients or opacities above 1
-    /// [default: 1]
+    /// Splats written per splat of a scene with colour gradients or opacities above 1 [default: 1]
     #[arg(long, value_parser = documented_choice::<GradientSplit>())]
     pub export_split: Option<GradientSplit>,
-    /// Small splats, about, that PLY, GLB and SPZ hold in place of splats with textures [default: textures
-    /// are left out]
+    /// Small splats, about, that are written in place of splats with textures [default: textures are left
+    /// out]
     #[arg(long, value_name = "SPLATS", value_parser = parse_count)]
     pub export_detail: Option<usize>,
 }

@@ -16,6 +16,7 @@ pub use bench::{BenchName, CommonArgs, DatasetBenchArgs, HistoryArgs, RenderBenc
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap_complete::Shell;
 use glam::DVec3;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -37,7 +38,7 @@ pub use train::{ComparisonArgs, DeviceName, EvalArgs, Protocol, TrainArgs};
 #[derive(Parser)]
 #[command(version)]
 pub struct Arguments {
-    /// Dataset folder, checkpoint or splat file (.ply, .glb, .gltf, .spz, .splat) to open in the window
+    /// Dataset folder, checkpoint or splat file (.ply, .glb, .gltf, .spz, .sog, .splat) to open in the window
     pub path: Option<PathBuf>,
     /// Threads for training and rendering [default: cores minus decoding threads (one per eight cores)]
     #[arg(long, global = true, value_name = "N", value_parser = parse_count)]
@@ -113,7 +114,7 @@ pub enum Command {
     Eval(EvalArgs),
     /// Render one view or a turntable
     Render(RenderArgs),
-    /// Convert a model to PLY, GLB, SPZ, a point cloud or a mesh
+    /// Convert a model to PLY, GLB, SPZ, SOG, USD, a web page, a point cloud or a mesh
     Export(ExportArgs),
     /// Write a synthetic posed RGB-D dataset with ground truth
     Synth(SynthArgs),
@@ -123,6 +124,9 @@ pub enum Command {
     Info(InfoArgs),
     /// Estimate colour camera and depth bias from the data; writes a RON file
     Calibrate(CalibrateArgs),
+    /// Write manual pages and completions of shells to a folder, for packages
+    #[command(hide = true)]
+    Manual(ManualArgs),
     #[cfg(feature = "bench")]
     /// Measure speed against error; writes a table, JSON, CSV and a plot
     #[command(subcommand)]
@@ -130,6 +134,23 @@ pub enum Command {
     #[cfg(feature = "bench")]
     /// Find the cheapest precision of every operation within an error bound
     PrecisionSearch(PrecisionSearchArgs),
+}
+
+#[derive(Args)]
+pub struct ManualArgs {
+    /// Existing folder
+    pub folder: PathBuf,
+}
+
+/// Writes a manual page for every command, and completions for four shells.
+pub fn write_manual(args: &ManualArgs) -> std::io::Result<()> {
+    let command = Arguments::complete_command();
+    let name = command.get_name().to_owned();
+    clap_mangen::generate_to(command.clone(), &args.folder)?;
+    for shell in [Shell::Bash, Shell::Zsh, Shell::Fish, Shell::PowerShell] {
+        clap_complete::generate_to(shell, &mut command.clone(), &name, &args.folder)?;
+    }
+    Ok(())
 }
 
 #[derive(Args)]

@@ -11,7 +11,7 @@ use vbgs_studio::render::{
 
 #[derive(Args)]
 pub struct RenderArgs {
-    /// Model: checkpoint, .ply, .glb, .gltf, .spz or .splat
+    /// Model: checkpoint, .ply, .glb, .gltf, .spz, .sog or .splat
     pub model: PathBuf,
     /// PNG file; with --turntable a folder; with --path a folder, an animated .gif, or a video (.mp4, .webm,
     /// .webp; requires ffmpeg). --renderer both writes NAME-projected.png and NAME-exact.png

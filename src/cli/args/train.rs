@@ -105,7 +105,7 @@ pub struct ComparisonArgs {
 
 #[derive(Args)]
 pub struct EvalArgs {
-    /// Model: checkpoint, .ply, .glb, .gltf, .spz or .splat
+    /// Model: checkpoint, .ply, .glb, .gltf, .spz, .sog or .splat
     pub model: PathBuf,
     /// Dataset folder, a Record3D .r3d or a ROS 2 .mcap
     pub dataset: PathBuf,

@@ -1,8 +1,7 @@
 //! Binary container of a GLB: header, JSON chunk and BIN chunk, with lengths in multiples of 4.
 
 use super::read::{BUFFER_FILE, BufferBytes};
-use super::schema::{Accessor, Root};
-use super::{COLOR_0, OPACITY, POSITION, ROTATION, SCALE, SH_0, SH_1};
+use super::{Accessor, COLOR_0, OPACITY, POSITION, ROTATION, Root, SCALE, SH_0, SH_1};
 use crate::export::error::{Fault, shorten, try_with_capacity};
 use std::borrow::Cow;
 use std::fs::File;

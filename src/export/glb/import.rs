@@ -6,10 +6,9 @@
 
 use super::container::{Column, unsupported};
 use super::read::BufferBytes;
-use super::schema::{GaussianSplatting, Node, Primitive, Root};
 use super::{
-    COLOR_0, EXTENSION, KERNEL, LINEAR, OPACITY, POINTS, POSITION, ROTATION, SCALE, SH_0, SH_1,
-    SH_PREFIX, SRGB,
+    COLOR_0, EXTENSION, GaussianSplatting, KERNEL, LINEAR, Node, OPACITY, POINTS, POSITION,
+    Primitive, ROTATION, Root, SCALE, SH_0, SH_1, SH_PREFIX, SRGB,
 };
 use crate::export::error::{Fault, shorten};
 use crate::export::gaussian::{

@@ -1,8 +1,8 @@
 //! Triangle meshes as GLB, in core glTF 2.0, which every viewer draws.
 
 use super::container::{F32, U16, U32};
-use super::schema::*;
 use super::write::{ARRAY_BUFFER, Declared, document, json_chunk};
+use super::*;
 use super::{COLOR_0, POSITION, container};
 use crate::export::error::Fault;
 use crate::export::format::WriteOptions;

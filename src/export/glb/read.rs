@@ -1,10 +1,11 @@
 //! Parsing of a GLB or `.gltf` into JSON and buffers.
 
-use super::schema::{Buffer, Root};
-use super::{EXTENSION, container, import};
+use super::{Buffer, EXTENSION, Root, container, import};
 use crate::export::error::{Fault, shorten};
 use crate::export::imported::{Imported, Intake};
 use crate::math::foreign::{JsonOutline, MAX_JSON_MEMORY};
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
+use base64::{Engine, alphabet};
 use std::borrow::Cow;
 use std::fs::File;
 use std::path::{Component, Path, PathBuf};
@@ -203,30 +204,9 @@ fn hex(digit: u8) -> Option<u8> {
 
 /// Decodes base64 with the standard alphabet (RFC 4648 §4), padding optional.
 fn decode_base64(text: &str) -> Option<Vec<u8>> {
-    let digits = text.trim_end_matches('=').as_bytes();
-    let mut bytes = Vec::with_capacity(digits.len() / 4 * 3 + 2);
-    for group in digits.chunks(4) {
-        let mut bits = 0u32;
-        for &digit in group {
-            let value = match digit {
-                b'A'..=b'Z' => digit - b'A',
-                b'a'..=b'z' => digit - b'a' + 26,
-                b'0'..=b'9' => digit - b'0' + 52,
-                b'+' => 62,
-                b'/' => 63,
-                _ => return None,
-            };
-            bits = bits << 6 | u32::from(value);
-        }
-        let n_bytes = group.len() * 6 / 8;
-        if n_bytes == 0 {
-            return None; // one digit holds less than a byte
-        }
-        // To the upper end of the word, whose bytes come first.
-        let aligned = bits << (32 - 6 * group.len());
-        bytes.extend(aligned.to_be_bytes().into_iter().take(n_bytes));
-    }
-    Some(bytes)
+    const ANY_PADDING: GeneralPurposeConfig =
+        GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent);
+    GeneralPurpose::new(&alphabet::STANDARD, ANY_PADDING).decode(text).ok()
 }
 
 #[cfg(test)]

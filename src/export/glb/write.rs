@@ -5,11 +5,7 @@
 //! of rows for any model size. All checks that can reject an export run before a file is created.
 
 use super::container::{F32, U16, row_size};
-use super::schema::*;
-use super::{
-    COLOR_0, EXTENSION, KERNEL, OPACITY, POINTS, POSITION, ROTATION, SCALE, SH_0, SH_1, SRGB,
-    container,
-};
+use super::*;
 use crate::export::error::Fault;
 use crate::export::format::WriteOptions;
 use crate::export::gaussian::{

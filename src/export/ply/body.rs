@@ -4,7 +4,7 @@
 //! the remaining bytes before rows are allocated, because headers are untrusted. Of a file, only a block is in
 //! memory.
 
-use super::header::{Encoding, Kind, PlyElement, Property, Scalar};
+use super::{Encoding, Kind, PlyElement, Property, Scalar};
 use crate::export::error::{Fault, shorten};
 use crate::export::read::Source;
 use std::io::ErrorKind;

@@ -3,7 +3,7 @@
 //! element.
 
 use super::body::{Body, pick};
-use super::header::{PlyElement, PlyHeader};
+use super::{PlyElement, PlyHeader};
 use crate::export::error::{Fault, try_with_capacity};
 use crate::export::gaussian::{Gaussian, harmonics_to_directional};
 use crate::export::imported::{Imported, Intake, ModelKind, Note, Rows};

@@ -2,10 +2,9 @@
 //!
 //! Properties are found by name, because programs write them in any order and add their own.
 
-use super::N_REST_DEGREE_1;
 use super::body::{Body, pick};
 use super::compressed;
-use super::header::{Kind, MAX_HEADER_BYTES, PlyElement, PlyHeader};
+use super::{Kind, MAX_HEADER_BYTES, N_REST_DEGREE_1, PlyElement, PlyHeader};
 use crate::export::error::{Fault, shorten_to};
 use crate::export::gaussian::{Gaussian, harmonic_to_color, harmonics_to_directional, sigmoid};
 use crate::export::imported::{Imported, Intake, ModelKind, Note, Rows};

@@ -2,7 +2,6 @@
 //! with gzip; in version 4 each is a Zstandard stream. Files are y-up with x right and z backward, as in
 //! glTF; splats in memory are z-up.
 
-mod container;
 #[expect(clippy::indexing_slicing, reason = "indices are two bits, into arrays of four")]
 mod quantise;
 pub(super) mod read;

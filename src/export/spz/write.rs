@@ -4,15 +4,17 @@
 //! Coordinates are rounded to an eighth of a small splat's size. The rounding is invisible, and further
 //! bits would be incompressible noise.
 
-use super::container::{COLUMN_NAMES, IS_ANTIALIASED, MAGIC, NGSP_BYTES};
 use super::quantise::{
     fixed, scale, to_coefficient, to_color, to_first_three, to_fixed, to_opacity, to_scale,
     to_smallest_three,
 };
+use super::read::{COLUMN_NAMES, IS_ANTIALIASED, MAGIC, NGSP_BYTES};
 use crate::export::error::Fault;
 use crate::export::format::SpzVersion;
 use crate::export::gaussian::{Gaussian, directional_to_harmonics};
-use crate::export::stream::{ProgressCounter, SplatRows, write_rows};
+use crate::export::stream::{
+    CURVE_BITS, ProgressCounter, SplatRows, morton_order, small_quantile, write_rows,
+};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use glam::DVec3;
@@ -26,17 +28,11 @@ const LEVEL: i32 = 9;
 /// Rounding step of coordinates, relative to the middle one of a small splat's three standard
 /// deviations.
 const STEP_OF_DEVIATION: f64 = 1.0 / 8.0;
-/// Quantile of the splats' middle standard deviations that represents a small splat.
-const SMALL_QUANTILE: f64 = 0.1;
-/// Number of splats sampled to estimate the quantile.
-const N_SAMPLED: usize = 4096;
 /// Number of bits of a coordinate without its sign.
 const COORDINATE_BITS: i32 = 23;
 /// Maximum number of fraction bits of a coordinate.
 // Every reader accepts these.
 const MAX_FRACTION_BITS: i32 = 20;
-/// Number of bits per coordinate in a Morton code; three coordinates fit into a 64-bit word.
-const CURVE_BITS: u32 = 21;
 
 pub(in crate::export) struct SpzLayout {
     order: Vec<u32>,
@@ -59,7 +55,7 @@ impl SpzLayout {
             .map(|i| rows.row(i).mean.abs().max_element())
             .reduce(|| 0.0, f64::max);
         let fraction_bits = fraction_bits(rows, largest)?;
-        let order = morton_order(rows, fraction_bits);
+        let order = file_order(rows, fraction_bits);
         let degree = u8::from(rows.has_directions());
         Ok(Self { order, fraction_bits, degree, version, is_antialiased })
     }
@@ -154,44 +150,21 @@ fn fraction_bits(rows: &impl SplatRows, largest: f64) -> Result<u8, Fault> {
             format!("{largest}; use a smaller unit scale or export PLY"),
         ));
     }
-    let step = rows.n_rows().div_ceil(N_SAMPLED).max(1);
-    let middle = |i: usize| {
-        // Quantised as in the file, so that a file that was read gets the same fraction bits again.
-        let [a, b, c] = scale(to_scale(rows.row(i).scale)).to_array();
-        a.max(b).min(a.max(c)).min(b.max(c))
-    };
-    let mut deviations: Vec<f64> = (0..rows.n_rows()).step_by(step).map(middle).collect();
-    deviations.sort_by(f64::total_cmp);
-    // Not empty: an export without rows is refused before.
-    let small = deviations[(deviations.len() as f64 * SMALL_QUANTILE) as usize];
+    // Quantised as in the file, so that a file that was read gets the same fraction bits again.
+    let middle = |g: &Gaussian| Gaussian { scale: scale(to_scale(g.scale)), ..*g }.middle_scale();
+    let small = small_quantile(rows, middle);
     let needed = -(small * STEP_OF_DEVIATION).log2().floor() as i32;
     Ok(needed.clamp(0, MAX_FRACTION_BITS).min(room) as u8)
 }
 
 /// Returns the order of the rows along a Morton curve through the cube of all representable coordinates.
-fn morton_order(rows: &impl SplatRows, fraction_bits: u8) -> Vec<u32> {
+fn file_order(rows: &impl SplatRows, fraction_bits: u8) -> Vec<u32> {
     // Quantised coordinates, so that a file that was read keeps its order.
     let cell = |v: f64| {
         let held = (fixed(to_fixed(v, fraction_bits), 0) as i64 + (1 << COORDINATE_BITS)) as u64;
         held >> (COORDINATE_BITS as u32 + 1 - CURVE_BITS)
     };
-    let key = |i: u32| {
-        let [x, y, z] = rows.row(i as usize).mean.to_array().map(cell);
-        spread_bits(x) | spread_bits(y) << 1 | spread_bits(z) << 2
-    };
-    let keys = (0..rows.n_rows() as u32).into_par_iter().map(|i| (key(i), i));
-    let mut keys: Vec<(u64, u32)> = keys.collect();
-    keys.par_sort_unstable();
-    keys.into_iter().map(|(_, i)| i).collect()
-}
-
-/// Spreads the lower 21 bits of `v`, with two zero bits between neighbours.
-fn spread_bits(v: u64) -> u64 {
-    let v = (v | v << 32) & 0x001F_0000_0000_FFFF;
-    let v = (v | v << 16) & 0x001F_0000_FF00_00FF;
-    let v = (v | v << 8) & 0x100F_00F0_0F00_F00F;
-    let v = (v | v << 4) & 0x10C3_0C30_C30C_30C3;
-    (v | v << 2) & 0x1249_2492_4924_9249
+    morton_order(rows.n_rows(), |i| rows.row(i).mean.to_array().map(cell))
 }
 
 #[cfg(test)]
@@ -220,20 +193,12 @@ mod tests {
     }
 
     #[test]
-    fn bits_are_spread_to_every_third_place() {
-        for v in [0, 1, 0x1F_FFFF, 0x15_5555, 0x0A_AAAA, 0x12_3456, 0x1E_DCBA] {
-            let expected: u64 = (0..CURVE_BITS).map(|bit| (v >> bit & 1) << (3 * bit)).sum();
-            assert_eq!(spread_bits(v), expected, "{v:x}");
-        }
-    }
-
-    #[test]
     fn splats_follow_a_morton_curve_of_cells_of_eight_steps() {
         // From z, the highest axis of the curve, to x; the fourth and the fifth share a cell.
         let above = [[0.0, 0.0, 8.0], [0.0, 8.0, 0.0], [8.0, 0.0, 0.0], [7.0, 0.0, 0.0], [0.0; 3]];
         let below = [[-8.0, 0.0, 0.0], [0.0, -8.0, 0.0], [0.0, 0.0, -8.0]];
         let places = [&above[..], &below[..]].concat();
-        assert_eq!(morton_order(&rows(&places, false), 0), [7, 6, 5, 3, 4, 2, 1, 0]);
+        assert_eq!(file_order(&rows(&places, false), 0), [7, 6, 5, 3, 4, 2, 1, 0]);
     }
 
     #[test]

@@ -1,0 +1,3 @@
+#![no_main]
+
+vbgs_fuzz::target!("sog");
