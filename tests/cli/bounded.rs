@@ -359,7 +359,7 @@ fn single_files(scratch: &Scratch) -> Vec<Option<String>> {
     let colors = ["red", "green", "blue"].map(|name| ("uchar", name));
     let images = messages(3_000_000);
     let packed = zstd::encode_all(&images[..], 3).unwrap();
-    let files: [(&str, &str, Vec<u8>, &str); 23] = [
+    let files: [(&str, &str, Vec<u8>, &str); 25] = [
         (
             "JSON of 1.6 million maps",
             "a.r3d",

@@ -17,13 +17,14 @@ type Members = Vec<(String, Vec<u8>)>;
 
 fn unpacked(bytes: &[u8]) -> Members {
     let mut zip = ZipArchive::new(Cursor::new(bytes)).unwrap();
+    let n = zip.len();
     let member = |i| {
         let mut member = zip.by_index(i).unwrap();
         let mut bytes = Vec::new();
         member.read_to_end(&mut bytes).unwrap();
         (member.name().unwrap().to_string(), bytes)
     };
-    (0..zip.len()).map(member).collect()
+    (0..n).map(member).collect()
 }
 
 fn packed(members: &Members) -> Vec<u8> {

@@ -278,9 +278,9 @@ impl<'a> Archive<'a> {
         };
         let most = n.saturating_mul(8).saturating_add(1 << 16);
         let bytes = self.member(name, most as u64)?;
-        Image::decode(&bytes, n).or_else(|found| {
+        Image::decode(&bytes, n).map_err(|found| {
             let expected = format!("a lossless WebP of {n} pixels, and little more");
-            Err(Fault::malformed(shorten(name), expected, found))
+            Fault::malformed(shorten(name), expected, found)
         })
     }
 }
