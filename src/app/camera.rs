@@ -4,8 +4,7 @@ use super::state::HomeView;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
 use crate::math::pose::Pose;
-use crate::model::splat::framing::{Framing, fitted_view};
-use crate::model::splat::splats::Splat;
+use crate::model::splat::framing::Framing;
 use crate::render::Lens;
 use glam::DVec3;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -148,21 +147,6 @@ impl ViewCamera {
     pub fn fit_scene(&mut self, framing: &Framing, size_px: [u32; 2]) {
         self.orbit.target = framing.centre;
         self.orbit.distance = framing.distance(self.narrower_fov(size_px));
-    }
-
-    /// Fits nearly all splats into the viewport without changing the view direction. `framing` holds them.
-    pub fn fit_splats(&mut self, splats: &[Splat], framing: &Framing, size_px: [u32; 2]) {
-        self.fit_scene(framing, size_px);
-        // A fisheye's picture has no straight borders.
-        if self.lens == Lens::Pinhole {
-            let [width, height] = size_px.map(f64::from);
-            let tangent = (0.5 * self.fov_y.min(MAX_FRAMING_FOV)).tan();
-            let tangents = [tangent * width / height.max(1.0), tangent];
-            let axes = self.orbit.pose().rotation();
-            if let Some((centre, distance)) = fitted_view(splats, axes, tangents) {
-                (self.orbit.target, self.orbit.distance) = (centre, distance);
-            }
-        }
     }
 
     /// Raises the camera, turns it sideways from the current azimuth, and fits the whole scene into the

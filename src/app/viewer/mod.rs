@@ -29,6 +29,7 @@ use super::worker::Waker;
 use crate::math::camera::Camera;
 use crate::math::camera_path::{CameraPath, Keyframe};
 use crate::model::splat::appearance::SplatSet;
+use crate::model::splat::framing::framing;
 use crate::render::attributes::Attribute;
 use crate::render::compare::Area;
 use crate::render::{Lens, Renderer};
@@ -128,7 +129,7 @@ impl SceneView {
         self.camera.size_px = size;
         self.n_frames = snapshot.n_frames;
         let is_training = snapshot.state == RunState::Training;
-        self.camera.follow_guide(opened, snapshot, self.palette.splats());
+        self.camera.follow_guide(opened, snapshot, || framing(self.palette.splats().iter()));
         self.overlays.measure.add_inspected_point(snapshot.inspected.as_deref());
         // Handles are hit where the latest picture shows them.
         let latest = self.camera.latest.and_then(|camera| self.world(ui, rect, &camera, opened));
@@ -331,8 +332,7 @@ impl SceneView {
         let settings = &mut self.settings;
         match command {
             UiCommand::FrameScene => {
-                let splats = self.editor.displayed_splats(&self.palette);
-                self.camera.fit_scene(splats, self.editor.framing(&self.palette), opened);
+                self.camera.fit_scene(self.editor.framing(&self.palette), opened);
             }
             UiCommand::Home => self.camera.go_home(opened),
             UiCommand::ToggleRenderer if settings.lens == Lens::Fisheye => {

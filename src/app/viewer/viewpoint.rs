@@ -15,8 +15,7 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::math::camera_path::{CameraPath, Keyframe};
 use crate::math::orbit::Orbit;
 use crate::math::pose::Pose;
-use crate::model::splat::framing::{Framing, framing};
-use crate::model::splat::splats::Splat;
+use crate::model::splat::framing::Framing;
 use crate::render::Lens;
 use crate::render::compare::Area;
 use eframe::egui::{Key, PointerButton, Response, Ui};
@@ -271,7 +270,7 @@ impl Viewpoint {
 
     /// Shows the whole scene. The direction of view is kept unless the dataset's cameras have not looked
     /// along it: there is nothing but the back of surfaces.
-    pub(super) fn fit_scene(&mut self, splats: &[Splat], scene: Option<Framing>, opened: &Opened) {
+    pub(super) fn fit_scene(&mut self, scene: Option<Framing>, opened: &Opened) {
         self.set_free();
         if let (Some(camera), Some(scene)) = (&mut self.steered, scene) {
             let seen_from = outward_directions(opened);
@@ -281,7 +280,7 @@ impl Viewpoint {
             {
                 camera.set_view_direction(-side);
             }
-            camera.fit_splats(splats, &scene, self.size_px);
+            camera.fit_scene(&scene, self.size_px);
         }
     }
 
@@ -365,7 +364,12 @@ impl Viewpoint {
         };
     }
 
-    pub(super) fn follow_guide(&mut self, opened: &Opened, snapshot: &Snapshot, splats: &[Splat]) {
+    pub(super) fn follow_guide(
+        &mut self,
+        opened: &Opened,
+        snapshot: &Snapshot,
+        scene: impl FnOnce() -> Option<Framing>,
+    ) {
         let Some(shown) = self.place.guide else { return };
         let now = match (snapshot.state, snapshot.frames.recent.last()) {
             (RunState::Finished | RunState::Failed, _) => GuideStage::End,
@@ -394,14 +398,14 @@ impl Viewpoint {
                 let is_dataset = snapshot.source == Source::Dataset;
                 // A room is shown from its first camera: from outside only the backs of its walls would
                 // be visible.
-                match framing(splats) {
+                match scene() {
                     Some(scene) if !(is_dataset && are_inside(&camera_centres(opened), &scene)) => {
                         // The last camera of an object may have been behind it.
                         let seen_from = outward_directions(opened);
                         if let Some(side) = seen_side(&seen_from, camera.orbit.up) {
                             camera.set_view_direction(-side);
                         }
-                        camera.fit_splats(splats, &scene, self.size_px);
+                        camera.fit_scene(&scene, self.size_px);
                     }
                     _ => *camera = ViewCamera::home(&opened.home),
                 }

@@ -61,34 +61,6 @@ pub fn framing<'a>(splats: impl IntoIterator<Item = &'a Splat>) -> Option<Framin
     Some(Framing { centre, radius: radius.max(1e-6) })
 }
 
-/// Share of the splats' centres that a fitted picture shows.
-const SHOWN_SHARE: f64 = 0.98;
-/// Factor on the distance that adds a margin around them, in which most of the others are.
-const VIEW_AIR: f64 = 1.08;
-
-/// Returns the place in the middle of a fitted picture, and the camera's distance from it. `axes` are the
-/// camera's right, down and forward directions, `tangents` those of half its fields of view. The picture shows
-/// [`SHOWN_SHARE`] of the drawable splats. `None` if there are none.
-pub fn fitted_view(splats: &[Splat], axes: DMat3, tangents: [f64; 2]) -> Option<(DVec3, f64)> {
-    let to_view = axes.transpose();
-    let drawable = splats.iter().filter(|splat| splat.is_drawable());
-    let places: Vec<DVec3> =
-        drawable.map(|splat| to_view * DVec3::from_array(splat.mean.map(f64::from))).collect();
-    let middle = |i: usize| {
-        let along: Vec<f64> = places.iter().map(|place| place[i]).collect();
-        let end = |share| quantile(along.clone(), share);
-        Some(0.5 * (end(0.5 * (1.0 - SHOWN_SHARE))? + end(0.5 * (1.0 + SHOWN_SHARE))?))
-    };
-    let centre = DVec3::new(middle(0)?, middle(1)?, middle(2)?);
-    // From this distance on, the picture shows the place.
-    let least = |place: &DVec3| {
-        let from = *place - centre;
-        (from.x.abs() / tangents[0]).max(from.y.abs() / tangents[1]) - from.z
-    };
-    let distance = VIEW_AIR * quantile(places.iter().map(least).collect(), SHOWN_SHARE)?;
-    Some((axes * centre, distance.max(1e-6)))
-}
-
 /// Returns the core sphere: it is centred at the median of the finite splats and holds nine tenths of
 /// their centres. It excludes protruding parts. Rendering benchmarks use this viewpoint.
 pub fn core_sphere(splats: &[Splat]) -> Option<Framing> {
@@ -203,33 +175,6 @@ mod tests {
         let found = framing(&splats).unwrap();
         assert!(found.radius < 1.05 * alone.radius, "{found:?} of {alone:?}");
         assert!(found.centre.distance(alone.centre) < 0.05 * alone.radius, "{found:?}");
-    }
-
-    #[test]
-    fn a_fitted_picture_shows_nearly_all_splats_and_is_filled_by_them() {
-        // A long wall, a tower at one end of it, and strays.
-        let mut splats: Vec<Splat> = (0..3000).map(|i| at(0.01 * i as f32, 0.0, 0.0)).collect();
-        splats.extend((0..200).map(|i| at(0.0, 0.02 * i as f32, 0.0)));
-        splats.extend((0..30).map(|i| at(i as f32, -300.0, 50.0)));
-        splats.push(Splat { opacity: 0.0, ..at(1e4, 0.0, 0.0) });
-        let turn = DMat3::from_rotation_y(0.4);
-        for (axes, tangents) in [(DMat3::IDENTITY, [0.8, 0.5]), (turn, [0.3, 0.6])] {
-            let (centre, distance) = fitted_view(&splats, axes, tangents).unwrap();
-            // Reach of a splat in the picture: 1 is its border.
-            let mut reaches: Vec<f64> = splats[..3230]
-                .iter()
-                .map(|splat| {
-                    let from = DVec3::from_array(splat.mean.map(f64::from)) - centre;
-                    let place = axes.transpose() * from + DVec3::Z * distance;
-                    assert!(place.z > 0.0);
-                    (place.x / tangents[0]).abs().max((place.y / tangents[1]).abs()) / place.z
-                })
-                .collect();
-            reaches.sort_by(f64::total_cmp);
-            let at = |share: f64| reaches[(share * reaches.len() as f64) as usize];
-            assert!(at(0.98) <= 1.0 && at(0.98) > 0.85, "{}", at(0.98));
-        }
-        assert_eq!(fitted_view(&[Splat::default()], DMat3::IDENTITY, [1.0; 2]), None);
     }
 
     #[test]
