@@ -37,9 +37,6 @@ gate cargo test --release -- --ignored --skip figures --skip pictures
 # What machines without AVX2 run passes the same tests. The window's own code has no lanes.
 gate env VBGS_SIMD=portable cargo test --release --lib --test render -- --skip app::
 gate env VBGS_SIMD=portable cargo test --release --test engine -- inference variants
-# Instructions of hot kernels and PSNR of two recordings, against the last line of the history.
-gate target/release/vbgs-studio bench history --counted --file "${VBGS_HISTORY:-.ci/history.csv}" \
-    --commit "$(git rev-parse --short HEAD 2>/dev/null || echo unknown)"
 # Comments, messages, help texts and documentation stay in plain English.
 gate .ci/words target/release/vbgs-studio
 printf '\n=== every gate passed in %d s\n' "$SECONDS"

@@ -196,7 +196,8 @@ fn unpack_member(
     }
     // Two members of one name: neither can be trusted to be the one that is meant.
     let mut file = File::create_new(&target)?;
-    let written = std::io::copy(&mut member.by_ref().take(stated + 1), &mut file)?;
+    let copied = std::io::copy(&mut member.by_ref().take(stated + 1), &mut file);
+    let written = copied.map_err(|error| archive_error(ZipError::Io(error)))?;
     if written == stated { Ok(written) } else { bomb(written) }
 }
 

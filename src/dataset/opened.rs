@@ -294,6 +294,10 @@ fn check_options_used(options: &LoadOptions, splits: &[DatasetSplit]) -> Result<
 /// True for a file that holds a recording: a zip archive or a bag (MCAP), which [`open`] accepts in place of a folder, or
 /// another program's recording, which it refuses with advice.
 pub fn is_archive(path: &Path) -> bool {
+    // Splats in a zip archive are no recording.
+    if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("sog")) {
+        return false;
+    }
     // The next reader of the file reports a disk error.
     Archive::is_zip_archive(path).unwrap_or(false)
         || is_bag(path).unwrap_or(false)

@@ -258,7 +258,7 @@ const PROMISES: &[(&str, &[&str])] = &[
     ),
     (
         "One run in a real window by mouse and keys: open, train, orbit, compare, measure, export, quit",
-        &["journey.rs: a_hand_opens_trains_orbits_compares_measures_exports_and_quits"],
+        &["journey.rs: a_hand_does_all_that_a_capture_needs"],
     ),
     (
         "The scene after frame k can be viewed (from stored copies)",

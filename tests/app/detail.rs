@@ -23,7 +23,7 @@ fn pixels(window: &Window) -> f64 {
 
 /// Moves the detail slider by `n` steps towards the fine end.
 fn refine(window: &mut Window, n: usize) {
-    window.get_by_role(Role::Slider).focus();
+    window.get_by_role_and_label(Role::Slider, "Detail").focus();
     window.run_steps(2);
     for _ in 0..n {
         window.key_press(Key::ArrowRight);

@@ -134,13 +134,14 @@ fn notices_are_single_lines_below_the_captions_and_close_together() {
     });
 }
 
-/// True for what a user can press or change, apart from frames of the strip.
+/// True for what a user can press or change, apart from the strip's frames and its playhead.
 fn is_control(node: &AccessKitNode<'_>) -> bool {
     let (role, label) = (node.role(), node.label().unwrap_or_default());
     let is_frame = label.strip_prefix("Frame ").is_some_and(|n| n.parse::<usize>().is_ok());
+    let is_in_strip = is_frame || label == "Walk back";
     let roles =
         [Role::Button, Role::CheckBox, Role::ComboBox, Role::Link, Role::Slider, Role::SpinButton];
-    roles.contains(&role) && !is_frame
+    roles.contains(&role) && !is_in_strip
 }
 
 #[test]

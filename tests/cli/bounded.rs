@@ -265,7 +265,7 @@ fn spz_of_noise() -> Vec<u8> {
     });
     let noise: Vec<u8> = noise.collect();
     encoder.write_all(&noise).unwrap();
-    packed_zeros(encoder, 20 * n as usize - noise.len(), |encoder| encoder.finish().unwrap())
+    packed_zeros(encoder, 19 * n as usize - noise.len(), |encoder| encoder.finish().unwrap())
 }
 
 /// An archive that states this many splats, with an image of 268 million pixels.

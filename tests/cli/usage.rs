@@ -99,7 +99,7 @@ fn arguments_of_the_other_commands() {
         ("export out/scene.ply -o a.ply --export-mapping wide", &["'wide'", "--export-mapping"]),
         (
             "export out/scene.ply -o a.ply --format point-cloud --export-split 2",
-            &["--export-split", "a setting of splats", "export ply, glb or spz"],
+            &["--export-split", "a setting of splats", "export splats, such as ply"],
         ),
         ("synth new --layout lidar", &["'lidar'", "--layout"]),
         ("synth new --frames 0", &["training frames", "1 to 100000", "found 0"]),

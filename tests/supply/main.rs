@@ -50,6 +50,9 @@ fn packages(metadata: &Value) -> &[Value] {
     packages
 }
 
+/// The program, and the engine as a Python package.
+const OURS: [&str; 2] = ["vbgs-studio", "vbgs-studio-python"];
+
 /// The lock file holds the packages of all systems, the metadata those of this one.
 #[test]
 fn every_dependency_comes_from_the_registry() {
@@ -57,12 +60,12 @@ fn every_dependency_comes_from_the_registry() {
     let entries: Vec<&str> = lock.split("[[package]]").skip(1).collect();
     assert!(entries.len() > 100, "only {} packages", entries.len());
     for entry in entries {
-        let is_ours = entry.contains("\nname = \"vbgs-studio\"\n");
+        let is_ours = OURS.iter().any(|name| entry.contains(&format!("\nname = \"{name}\"\n")));
         let is_registered = entry.contains(&format!("\nsource = \"{REGISTRY}\"\nchecksum = \""));
         assert!(is_ours || is_registered, "not from crates.io:{entry}");
     }
     for package in packages(metadata()) {
-        let is_ours = package["name"] == "vbgs-studio";
+        let is_ours = OURS.iter().any(|name| package["name"] == *name);
         assert!(
             is_ours || package["source"] == REGISTRY,
             "{} {}",
