@@ -265,7 +265,7 @@ const PROMISES: &[(&str, &[&str])] = &[
         &[
             "editing.rs: a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it",
             "src/app/edit/past.rs: moments_keep_to_the_budget_and_none_is_kept_that_exceeds_it_alone",
-            "src/app/edit/past.rs: a_texture_that_several_moments_share_counts_once",
+            "src/app/edit/past.rs: a_written_scene_is_read_as_it_was",
         ],
     ),
     (
