@@ -1,5 +1,5 @@
 //! SOG version 2 (`files.md`, SOG): a zip archive of `meta.json` and lossless WebP images, one pixel a splat. This
-//! file holds the import; [`write`] is the export.
+//! file holds the import; [`mod@write`] is the export.
 //!
 //! Sizes in a file are untrusted: the archive states few members, members unpack to a multiple of their size, and an
 //! image is decoded only if its pixels are about as many as the splats.
