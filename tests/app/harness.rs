@@ -106,6 +106,8 @@ pub fn wait(window: &mut Window, what: &str, condition: impl Fn(&Studio) -> bool
     loop {
         window.step();
         if condition(window.state()) {
+            // The step may have drawn an older state than the one that meets the condition.
+            window.step();
             return;
         }
         let snapshot = window.state().snapshot();
