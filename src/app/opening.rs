@@ -257,6 +257,8 @@ pub struct BareSplats {
     pub local_origin: DVec3,
     pub notices: Vec<(NoticeKind, String)>,
     up: DVec3,
+    /// Up direction in the axes of `splats`, if the format defines its axes.
+    pub defined_up: Option<DVec3>,
     /// Size of the file, bytes.
     bytes: u64,
 }
@@ -275,6 +277,7 @@ pub fn read_splats(path: &Path) -> Result<BareSplats, OpenError> {
     }
     Ok(BareSplats {
         up: model.up().unwrap_or(DVec3::Z),
+        defined_up: model.defined_up,
         local_origin: model.local_origin,
         bytes: model.bytes,
         splats: model.splats,
@@ -288,12 +291,13 @@ fn scene_of(run: &SavedRun) -> Result<BareSplats, OpenError> {
         local_origin: run.local_origin(),
         notices: Vec::new(),
         up: run.up(),
+        defined_up: None,
         bytes: run.bytes,
     })
 }
 
 fn view(path: &Path, scene: BareSplats, serial: u64) -> OpenedSubject {
-    let BareSplats { splats, local_origin, notices, up, bytes } = scene;
+    let BareSplats { splats, local_origin, notices, up, bytes, .. } = scene;
     let framing = framing(splats.iter()).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
     let intrinsics = Intrinsics::from_horizontal_fov(800, 600, MODEL_FOV);
     let orbit = Orbit {

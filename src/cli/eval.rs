@@ -7,7 +7,6 @@ use super::quality::QualityRequest;
 use super::train::print_dataset_notes;
 use super::{model, output, quality, tracked};
 use serde::Serialize;
-use vbgs_studio::dataset;
 use vbgs_studio::dataset::calibration::{Calibration, ColorCamera};
 use vbgs_studio::dataset::splits::{HOLD_OUT_EVERY, HoldOut, ViewGroup};
 use vbgs_studio::dataset::{Dataset, LoadOptions};
@@ -22,11 +21,10 @@ struct EvalOutput {
 }
 
 pub fn run(args: &EvalArgs) -> Result<(), Failure> {
-    let model = model::load(&args.model)?;
+    let mut model = model::load(&args.model)?;
     let calibrated_photographs = args.calibration.is_some();
     let asked = LoadOptions { calibrated_photographs, ..args.reading.load_options() };
-    let load = model.load_options(asked)?;
-    let dataset = dataset::open(&args.dataset, &load)?;
+    let dataset = model.open_dataset(&args.dataset, &asked)?;
     print_dataset_notes(&dataset);
     if let Some(found) = &model.trajectory {
         note!("note: {}", tracked::summary(found, found.error(&dataset).as_ref()));

@@ -2,11 +2,12 @@
 
 use super::failure::Failure;
 use glam::DVec3;
+use std::mem;
 use std::path::Path;
 use vbgs_studio::dataset::calibration::ColorCamera;
 use vbgs_studio::dataset::fingerprint::Fingerprint;
 use vbgs_studio::dataset::splits::{HoldOut, ViewGroup};
-use vbgs_studio::dataset::{Dataset, LoadOptions};
+use vbgs_studio::dataset::{self, Dataset, LoadOptions};
 use vbgs_studio::export;
 use vbgs_studio::export::checkpoint::is_checkpoint;
 use vbgs_studio::export::local_origin;
@@ -21,6 +22,8 @@ use vbgs_studio::pipeline::tracked::{Trajectory, surfels};
 pub struct Model {
     pub splats: SplatSet,
     pub up: Option<DVec3>,
+    /// Up direction in the axes of `splats`, if the format defines its axes instead of keeping the dataset's.
+    defined_up: Option<DVec3>,
     /// Position of the model's local origin in the dataset's world, world units.
     pub local_origin: DVec3,
     pub is_metric: bool,
@@ -56,12 +59,31 @@ impl TrainedFrames {
 }
 
 impl Model {
-    /// Returns the options for opening a dataset together with the model. A tracked model has its own world,
-    /// in which recorded poses are meaningless.
+    /// Opens a dataset together with the model. Formats that define their axes do not keep those of the dataset:
+    /// such a model is turned to the dataset's up direction, as an export from its world was turned away from it.
     ///
     /// # Errors
-    /// Tracked poses were requested, but the model has none.
-    pub fn load_options(&self, asked: LoadOptions) -> Result<LoadOptions, Failure> {
+    /// Those of opening. Tracked poses were requested, but the model has none.
+    pub fn open_dataset(&mut self, path: &Path, asked: &LoadOptions) -> Result<Dataset, Failure> {
+        let open = |model: &Self| Ok(dataset::open(path, &model.load_options(asked.clone())?)?);
+        let dataset: Dataset = open(self)?;
+        let up = dataset.up(dataset.training_split().unwrap_or(0));
+        let Some(from) = self.defined_up.replace(up).filter(|from| *from != up) else {
+            return Ok(dataset);
+        };
+        let (splats, origin) = (mem::take(&mut self.splats), self.local_origin);
+        (self.splats, self.local_origin) = export::turned(splats, origin, [from, up]);
+        self.up = Some(up);
+        note!(
+            "note: the model's format is z-up or y-up: turned to the dataset's up direction {up:.3}"
+        );
+        // Poses are relative to the origin, which was turned as well.
+        if origin == DVec3::ZERO { Ok(dataset) } else { open(self) }
+    }
+
+    /// Returns the options for opening a dataset together with the model. A tracked model has its own world,
+    /// in which recorded poses are meaningless.
+    fn load_options(&self, asked: LoadOptions) -> Result<LoadOptions, Failure> {
         match (&self.trajectory, asked.track) {
             (None, true) => Err(usage!(
                 "--poses track: expected the checkpoint of a tracked run, found a model without the poses of its frames; give its checkpoint.vbgs"
@@ -153,6 +175,7 @@ fn of_run(run: SavedRun, splats: SplatSet) -> Result<Model, Failure> {
     Ok(Model {
         splats,
         up,
+        defined_up: None,
         local_origin,
         is_metric,
         method: Some(config.method),
@@ -182,6 +205,7 @@ fn of_file(path: &Path) -> Result<Model, Failure> {
     Ok(Model {
         splats: model.splats,
         up,
+        defined_up: model.defined_up,
         local_origin: model.local_origin,
         is_metric: false,
         method: None,

@@ -9,8 +9,7 @@ use anyhow::anyhow;
 use glam::DVec3;
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
-use vbgs_studio::dataset;
-use vbgs_studio::dataset::LoadOptions;
+use vbgs_studio::dataset::{Dataset, LoadOptions};
 use vbgs_studio::eval::near::{NearRule, near_plane};
 use vbgs_studio::eval::report;
 use vbgs_studio::export::camera_path::PacedPath;
@@ -42,7 +41,10 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     if args.dataset.is_none() {
         check_size(args)?;
     }
-    let model = model::load(&args.model)?;
+    let mut model = model::load(&args.model)?;
+    let dataset = args.dataset.as_deref();
+    let dataset =
+        dataset.map(|path| model.open_dataset(path, &LoadOptions::default())).transpose()?;
     let mut painter = Painter {
         framing: framing(model.splats.iter()),
         splats: model.splats.view(),
@@ -50,7 +52,7 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
         methods,
         renderer: CpuRenderer::new(),
     };
-    if let Some(dataset) = &args.dataset {
+    if let Some(dataset) = &dataset {
         return render_view(&mut painter, &model, dataset, args);
     }
     let framing = painter.framing.ok_or_else(|| {
@@ -140,12 +142,11 @@ fn viewport_options(args: &RenderArgs, radius: f64) -> impl Fn(RenderMethod) -> 
 fn render_view(
     painter: &mut Painter,
     model: &Model,
-    path: &Path,
+    dataset: &Dataset,
     args: &RenderArgs,
 ) -> Result<(), Failure> {
-    let dataset = dataset::open(path, &model.load_options(LoadOptions::default())?)?;
-    print_dataset_notes(&dataset);
-    let photographed = model.color_camera(&dataset);
+    print_dataset_notes(dataset);
+    let photographed = model.color_camera(dataset);
     let split = match &args.split {
         Some(name) => dataset.split_named(name)?,
         // Without depth there is no training split, but any split has cameras.
@@ -154,11 +155,11 @@ fn render_view(
     let placed = match model.tracked() {
         // A wrong index is refused below, with the number of views.
         Some((method, poses)) if args.view < dataset.splits[split].frames.len() => {
-            tracked::place(&dataset, method, &model.splats, poses, (split, &[args.view]))?
+            tracked::place(dataset, method, &model.splats, poses, (split, &[args.view]))?
         }
         _ => None,
     };
-    let split = &placed.as_ref().map_or(&dataset, |placed| &placed.dataset).splits[split];
+    let split = &placed.as_ref().map_or(dataset, |placed| &placed.dataset).splits[split];
     let Some(entry) = split.frames.get(args.view) else {
         return Err(usage!(
             "--view: expected 0 to {} for the split `{}`, found {}",

@@ -23,8 +23,8 @@ pub struct Imported {
     pub kind: ModelKind,
     /// Local origin in the file's world, in the axes of `splats`; zero if the file has none.
     pub local_origin: DVec3,
-    /// True if the format defines the up axis; the model was then rotated to z-up.
-    pub is_z_up: bool,
+    /// Up direction in the axes of `splats`, if the format defines its axes. Readers rotate such models to z-up.
+    pub defined_up: Option<DVec3>,
     /// Number of rows skipped because a field was NaN or infinite.
     pub skipped: usize,
     /// Notices about content that was ignored, guessed or converted.
@@ -62,8 +62,8 @@ pub(super) const VERTICAL_AXIS: &str = "Vertical axis:";
 impl Imported {
     /// Up direction of the model's world as a unit vector, if the file states one.
     pub fn up(&self) -> Option<DVec3> {
-        if self.is_z_up {
-            return Some(DVec3::Z);
+        if self.defined_up.is_some() {
+            return self.defined_up;
         }
         // The last line applies, as in brush.
         let text = self.comments.iter().rev().find_map(|line| value_of(line, VERTICAL_AXIS))?;
@@ -315,7 +315,7 @@ impl Rows {
             kind,
             local_origin: local_origin::from_comments(&comments),
             // Readers of y-up formats replace this value.
-            is_z_up: false,
+            defined_up: None,
             skipped,
             notes,
             comments,

@@ -60,6 +60,6 @@ pub use error::{ExportError, Fault};
 pub use format::{Axes, ModelFormat, SpzVersion, WriteOptions, WriteSelection};
 pub use imported::{Imported, ModelKind, Note, Outline};
 pub use read::{DEFAULT_MAX_SPLATS, check_start, read, read_outline, read_up_to};
-pub use read_back::{ReadBack, read_back};
+pub use read_back::{ReadBack, read_back, turned};
 pub use stream::WriteProgress;
 pub use write::{WriteSummary, write};

@@ -1,4 +1,4 @@
-//! Export and re-import in memory, for previews of lossy formats.
+//! Export and re-import in memory, for previews of lossy formats, and models in the axes they were exported from.
 
 use super::error::Fault;
 use super::format::{Axes, ModelFormat, WriteOptions};
@@ -6,6 +6,7 @@ use super::gaussian::{AxisRotation, Gaussian};
 use super::source::file_rotation;
 use super::{read, write};
 use crate::model::splat::appearance::{SplatSet, SplatView};
+use glam::DVec3;
 
 /// Model after export and import.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,6 +66,23 @@ pub fn read_back<'a>(
     Ok(ReadBack { splats, bytes: n_bytes as u64 })
 }
 
+/// Turns splats and their local origin from axes with the first up direction to axes with the second. For a model
+/// exported from a world with the second, this is the inverse of the rotation that the export applied.
+///
+/// ```
+/// use glam::DVec3;
+/// use vbgs_studio::export::turned;
+/// use vbgs_studio::model::splat::splats::Splat;
+///
+/// let splat = Splat { mean: [0.0, 0.0, 2.0], ..Splat::default() };
+/// let (splats, _) = turned(vec![splat].into(), DVec3::ZERO, [DVec3::Z, DVec3::NEG_Y]);
+/// assert_eq!(splats[0].mean, [0.0, -2.0, 0.0]);
+/// ```
+pub fn turned(splats: SplatSet, local_origin: DVec3, [from, to]: [DVec3; 2]) -> (SplatSet, DVec3) {
+    let turn = AxisRotation::to_z_up(from).then(AxisRotation::to_z_up(to).inverse());
+    (to_model_axes(splats, turn, 1.0), turn.rotate_vector(local_origin))
+}
+
 fn to_model_axes(read: SplatSet, turn: AxisRotation, scale: f64) -> SplatSet {
     // A rotation or factor would round.
     if turn.is_identity() && scale == 1.0 {
@@ -85,7 +103,7 @@ fn to_model_axes(read: SplatSet, turn: AxisRotation, scale: f64) -> SplatSet {
 mod tests {
     use super::*;
     use crate::model::splat::splats::Splat;
-    use glam::{DMat3, DVec3};
+    use glam::DMat3;
 
     #[test]
     fn every_format_gives_a_model_back_where_it_stood() {

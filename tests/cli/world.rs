@@ -1,7 +1,9 @@
 //! Worlds in any unit, worlds far from the origin, and outlier poses.
 
 use super::runner::{Run, Scratch};
+use glam::{DQuat, DVec3};
 use serde_json::Value;
+use std::f64::consts::FRAC_PI_2;
 use std::fs;
 use vbgs_studio::model::splat::splats::Splat;
 
@@ -15,14 +17,24 @@ fn recorded(size: &str, frames: usize) -> Scratch {
 
 /// Rewrites the position of every pose from its number and old position.
 fn move_cameras(scratch: &Scratch, to: impl Fn(usize, [f64; 3]) -> [f64; 3]) {
+    place_cameras(scratch, |i, place, rotation| (to(i, place.to_array()).into(), rotation));
+}
+
+/// Rewrites every pose from its number, old position and old rotation.
+fn place_cameras(scratch: &Scratch, to: impl Fn(usize, DVec3, DQuat) -> (DVec3, DQuat)) {
     let path = scratch.path("room/groundtruth.txt");
     let text = fs::read_to_string(&path).unwrap();
     let (head, poses): (Vec<&str>, Vec<&str>) = text.lines().partition(|l| l.starts_with('#'));
     let moved = poses.iter().enumerate().map(|(i, line)| {
         let fields: Vec<&str> = line.split_whitespace().collect();
-        let place = [1, 2, 3].map(|k| fields[k].parse().unwrap());
-        let [x, y, z] = to(i, place).map(|v| format!("{v:e}"));
-        format!("{} {x} {y} {z} {}\n", fields[0], fields[4..].join(" "))
+        let [x, y, z, a, b, c, w] = [1, 2, 3, 4, 5, 6, 7].map(|k| fields[k].parse().unwrap());
+        let (place, turn) = to(i, DVec3::new(x, y, z), DQuat::from_xyzw(a, b, c, w));
+        let numbers = place.to_array().into_iter().chain(turn.to_array());
+        format!(
+            "{} {}\n",
+            fields[0],
+            numbers.map(|v| format!("{v:e}")).collect::<Vec<_>>().join(" ")
+        )
     });
     let text: String = head.iter().map(|line| format!("{line}\n")).chain(moved).collect();
     fs::write(path, text).unwrap();
@@ -403,4 +415,30 @@ fn what_memory_cannot_hold_is_refused_before_work() {
         &["budget (`--budget`): found 20000000", "expected at most", "of memory for this program"],
     );
     assert!(!scratch.path("run/report.json").exists());
+}
+
+/// GLB, SPZ and SOG define their axes, so an export is turned away from a world that is not z-up.
+#[test]
+fn exports_of_every_format_stand_in_the_world_of_their_dataset() {
+    for (up, turn) in [
+        (DVec3::NEG_Y, DQuat::from_rotation_x(FRAC_PI_2)),
+        (DVec3::X, DQuat::from_rotation_y(FRAC_PI_2)),
+        // Not within 30° of an axis.
+        (DVec3::new(0.0, -0.6, 0.8), DQuat::from_rotation_x(0.6_f64.asin())),
+    ] {
+        let scratch = recorded("64x48", 9);
+        assert!((turn * DVec3::Z).dot(up) > 0.999, "{}", turn * DVec3::Z);
+        place_cameras(&scratch, |_, place, rotation| (turn * place, turn * rotation));
+        scratch.run("train room --out out").succeeds();
+        let psnr = |model: &str| {
+            let run = scratch.run(&format!("eval {model} room --json")).succeeds();
+            run.json()["eval"][0]["psnr_mean"].as_f64().unwrap()
+        };
+        let own = psnr("out/scene.ply");
+        for name in ["a.glb", "a.spz", "a.sog"] {
+            scratch.run(&format!("export out/checkpoint.vbgs -o {name}")).succeeds();
+            let found = psnr(name);
+            assert!((own - found).abs() < 0.3, "{name}, up {up}: {own} and {found} dB");
+        }
+    }
 }

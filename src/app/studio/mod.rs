@@ -287,8 +287,10 @@ impl Studio {
             }
             return;
         }
-        let origin = snapshot.opened.as_ref().map_or(DVec3::ZERO, |opened| opened.local_origin);
-        for (kind, text) in self.view.take_compared(origin) {
+        let opened = snapshot.opened.as_ref();
+        let place = opened.map(|opened| (opened.home.up, opened.local_origin));
+        let (up, origin) = place.unwrap_or((DVec3::Z, DVec3::ZERO));
+        for (kind, text) in self.view.take_compared(up, origin) {
             if kind == NoticeKind::Error {
                 self.dialogs.compare.show_problem(text.clone());
             }

@@ -183,6 +183,7 @@ impl Studio {
                 name: "Before".to_owned(),
                 splats: (**scene).clone(),
                 local_origin: opened.local_origin,
+                defined_up: None,
                 radius: framing.radius,
             };
             (opened.files.clone(), before)

@@ -15,6 +15,7 @@ use crate::app::state::{NoticeKind, Opened};
 use crate::app::view_thread::take_finished;
 use crate::app::worker::Waker;
 use crate::dataset::calibration::ColorCamera;
+use crate::export::turned;
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::framing::framing;
@@ -23,6 +24,7 @@ use crate::render::compare::{Area, Combination};
 use crate::render::{Exposing, Lens, Paint, RenderOptions, Renderer};
 use eframe::egui::Ui;
 use glam::DVec3;
+use std::mem;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -96,8 +98,8 @@ impl Comparison {
     /// Shows the second model if its file has been read, and returns its notices. After an error the
     /// previous model remains.
     ///
-    /// Also moves the model to `origin`, the scene's local origin, which differs between datasets.
-    pub(super) fn take_read(&mut self, origin: DVec3) -> Option<Vec<Notice>> {
+    /// Also places the model in the scene, whose local origin and up direction differ between datasets.
+    pub(super) fn take_read(&mut self, up: DVec3, origin: DVec3) -> Option<Vec<Notice>> {
         let taken = take_finished(&mut self.reading).map(|(path, read)| match read {
             Ok(Ok((model, notices))) => {
                 self.model = Some(Arc::new(model));
@@ -113,8 +115,8 @@ impl Comparison {
                 vec![(NoticeKind::Error, format!("{}: {text}", path.display()))]
             }
         });
-        if let Some(model) = self.model.as_mut().filter(|model| model.local_origin != origin) {
-            Arc::make_mut(model).move_origin(origin);
+        if let Some(model) = self.model.as_mut().filter(|model| !model.is_in(up, origin)) {
+            Arc::make_mut(model).place(up, origin);
         }
         taken
     }
@@ -252,12 +254,24 @@ pub struct ComparedModel {
     /// Splats with positions relative to `local_origin`.
     pub splats: SplatSet,
     pub local_origin: DVec3,
+    /// Up direction in the axes of `splats`, if the file's format defines its axes.
+    pub defined_up: Option<DVec3>,
     /// Radius of the model, world units. It determines the near plane.
     pub radius: f64,
 }
 
 impl ComparedModel {
-    fn move_origin(&mut self, origin: DVec3) {
+    fn is_in(&self, up: DVec3, origin: DVec3) -> bool {
+        self.local_origin == origin && self.defined_up.is_none_or(|own| own == up)
+    }
+
+    fn place(&mut self, up: DVec3, origin: DVec3) {
+        // Exports of such a format from the scene were turned away from its up direction.
+        if let Some(own) = self.defined_up.as_mut().filter(|own| **own != up) {
+            let splats = mem::take(&mut self.splats);
+            (self.splats, self.local_origin) = turned(splats, self.local_origin, [*own, up]);
+            *own = up;
+        }
         let moved = self.local_origin - origin;
         // In f64, because both origins may be map coordinates of millions of metres.
         for splat in self.splats.splats_mut() {
@@ -273,7 +287,7 @@ type ReadModel = Result<(ComparedModel, Vec<Notice>), String>;
 
 fn read(path: &Path) -> ReadModel {
     let read = read_splats(path).map_err(|error: OpenError| error.to_string())?;
-    let BareSplats { splats, local_origin, notices, .. } = read;
+    let BareSplats { splats, local_origin, defined_up, notices, .. } = read;
     // Without splats there is no radius for the near plane.
     let Some(framing) = framing(splats.iter()) else {
         return Err(format!(
@@ -281,7 +295,8 @@ fn read(path: &Path) -> ReadModel {
             path.display()
         ));
     };
-    let model = ComparedModel { name: name_of(path), splats, local_origin, radius: framing.radius };
+    let (name, radius) = (name_of(path), framing.radius);
+    let model = ComparedModel { name, splats, local_origin, defined_up, radius };
     Ok((model, notices))
 }
 
@@ -305,18 +320,28 @@ mod compared_model_tests {
     use crate::model::splat::splats::Splat;
 
     #[test]
-    fn positions_follow_the_scenes_origin() {
+    fn models_are_placed_by_the_scenes_origin_and_up() {
         let far = DVec3::new(5e5, 5e6, 0.0);
         let splat = Splat { mean: [1.0, 2.0, 3.0], ..Splat::default() };
         let mut model = ComparedModel {
             name: String::new(),
             splats: SplatSet::from(vec![splat]),
             local_origin: far,
+            defined_up: None,
             radius: 1.0,
         };
-        model.move_origin(far - DVec3::X);
+        model.place(DVec3::NEG_Y, far - DVec3::X);
         assert_eq!(model.splats.view().splats()[0].mean, [2.0, 2.0, 3.0]);
         assert_eq!(model.local_origin, far - DVec3::X);
+        // A format that defines its axes does not keep those of the scene.
+        model.defined_up = Some(DVec3::Z);
+        for (up, expected) in [(DVec3::NEG_Y, [2.0, -3.0, 2.0]), (DVec3::Z, [2.0, 2.0, 3.0])] {
+            assert!(!model.is_in(up, DVec3::ZERO));
+            model.local_origin = DVec3::ZERO;
+            model.place(up, DVec3::ZERO);
+            assert!(model.is_in(up, DVec3::ZERO));
+            assert_eq!(model.splats.view().splats()[0].mean, expected);
+        }
     }
 
     #[test]

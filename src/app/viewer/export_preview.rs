@@ -215,6 +215,8 @@ fn convert(
         radius: framing(file.splats.iter()).map_or(1.0, |framing| framing.radius),
         splats: file.splats,
         local_origin,
+        // Already in the axes of the scene.
+        defined_up: None,
     };
     let losses = losses(scene.view(), choice);
     Ok(Converted { scene, model: Arc::new(model), bytes: file.bytes, losses })

@@ -404,10 +404,10 @@ impl SceneView {
         self.comparison.read(path, &self.waker)
     }
 
-    /// Shows a second model if its file has been read, and returns its notices. `origin` is the scene's
-    /// local origin, to which the model is moved.
-    pub fn take_compared(&mut self, origin: DVec3) -> Vec<(NoticeKind, String)> {
-        let read = self.comparison.take_read(origin);
+    /// Shows a second model if its file has been read, and returns its notices. `up` and `origin` are the
+    /// scene's up direction and local origin, to which the model is moved.
+    pub fn take_compared(&mut self, up: DVec3, origin: DVec3) -> Vec<(NoticeKind, String)> {
+        let read = self.comparison.take_read(up, origin);
         if read.is_some() {
             self.overlays.clear_hint();
         }

@@ -80,7 +80,7 @@ pub(super) fn model(
     }
     let imported = rows.finish(kind, notes, comments(root))?;
     let local_origin = AxisRotation::Y_UP_TO_Z_UP.rotate_vector(origin);
-    Ok(Imported { local_origin, is_z_up: true, ..imported })
+    Ok(Imported { local_origin, defined_up: Some(DVec3::Z), ..imported })
 }
 
 fn scene_primitives(root: &Root, origin: DVec3) -> Result<Vec<Part<'_>>, Fault> {

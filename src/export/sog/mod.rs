@@ -157,7 +157,7 @@ pub(super) fn sog(bytes: &[u8], intake: Intake) -> Result<Imported, Fault> {
     }
     let imported = rows.finish(ModelKind::Splats, notes, Vec::new())?;
     let imported = if meta.antialias { imported.antialiased() } else { imported };
-    Ok(Imported { is_z_up: true, ..imported })
+    Ok(Imported { defined_up: Some(DVec3::Z), ..imported })
 }
 
 /// Colours by direction: a palette of matrices, and the entry of every splat.

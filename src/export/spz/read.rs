@@ -45,7 +45,7 @@ pub(in crate::export) fn spz(bytes: &[u8], intake: Intake) -> Result<Imported, F
     }
     let imported = rows.finish(ModelKind::Splats, notes, Vec::new())?;
     let imported = if header.is_antialiased() { imported.antialiased() } else { imported };
-    Ok(Imported { is_z_up: true, ..imported })
+    Ok(Imported { defined_up: Some(DVec3::Z), ..imported })
 }
 
 /// Type of the record `SPZ_ADOBE_coordinate_system`, which holds a number of a system of axes.
