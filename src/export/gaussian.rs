@@ -43,6 +43,8 @@ pub(super) struct Gaussian {
     pub scale: DVec3,
     pub rotation: DQuat,
     pub directional: DMat3,
+    /// Mean direction from which the splat was observed, from the eye to the splat; zero if unknown.
+    pub seen: DVec3,
 }
 
 /// Radius around the mean observed view direction within which the exported colour should match the
@@ -69,6 +71,7 @@ impl Gaussian {
         scale: DVec3::splat(SCALE_FLOOR),
         rotation: DQuat::IDENTITY,
         directional: DMat3::ZERO,
+        seen: DVec3::ZERO,
     };
 
     /// Converts a drawable splat, applies the lower bounds of all formats, and omits the colour
@@ -88,6 +91,7 @@ impl Gaussian {
             // A splat with a zero quaternion is drawn unrotated, so the file stores the identity.
             rotation: unit_quaternion([w, x, y, z]).unwrap_or(DQuat::IDENTITY),
             directional: slope * fit,
+            seen: mean,
         };
         Self { color: raw.bounded_color(), ..raw }
     }
@@ -98,6 +102,7 @@ impl Gaussian {
             rotation: turn.rotate_quaternion(self.rotation),
             // The slope takes world directions, so they are rotated back first.
             directional: self.directional * turn.matrix.transpose(),
+            seen: turn.rotate_vector(self.seen),
             ..self
         }
     }

@@ -275,6 +275,7 @@ fn read_splat(mut source: Source, intake: Intake) -> Result<Imported, Fault> {
             scale: if scale.min_element() < 0.0 { DVec3::NAN } else { scale },
             rotation,
             directional: DMat3::ZERO,
+            seen: DVec3::ZERO,
         });
     }
     rows.finish(ModelKind::Splats, Vec::new(), Vec::new())

@@ -160,6 +160,7 @@ mod tests {
                 scale: DVec3::from_slice(&numbers(&s["scale"])),
                 rotation: DQuat::from_xyzw(q[1], q[2], q[3], q[0]),
                 directional: DMat3::ZERO,
+                seen: DVec3::ZERO,
             }
         };
         cases["splats"].as_array().unwrap().iter().map(splat).collect()

@@ -7,7 +7,9 @@ use image_webp::{ColorType, WebPDecoder, WebPEncoder};
 use serde_json::{Value, json};
 use std::io::{Cursor, Read, Write};
 use vbgs_studio::export::{ModelFormat, Note, WriteOptions};
-use vbgs_studio::model::splat::appearance::Appearance;
+use vbgs_studio::math::sym3::Sym3;
+use vbgs_studio::model::splat::appearance::{Appearance, SplatSet};
+use vbgs_studio::model::splat::observed_cone::ObservedCone;
 use vbgs_studio::model::splat::splats::Splat;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipArchive, ZipWriter};
@@ -77,7 +79,7 @@ fn splats_come_back_as_near_as_their_bytes_allow() {
     for (a, b) in paired(&splats, &model.splats) {
         // A quarter of a small splat of 0.02.
         assert!(distance(a.mean, b.mean) < 0.01, "{a:?} {b:?}");
-        assert!(distance(a.scale.map(f32::ln), b.scale.map(f32::ln)) < 0.06, "{a:?} {b:?}");
+        assert!(distance(a.scale.map(f32::ln), b.scale.map(f32::ln)) < 0.12, "{a:?} {b:?}");
         assert!((a.opacity - b.opacity).abs() <= 0.5 / 255.0 + 1e-6);
         assert!(distance(a.color, b.color) < 0.02, "{a:?} {b:?}");
         // Half a turn about an axis of the splat may be added, which does not change it.
@@ -87,7 +89,8 @@ fn splats_come_back_as_near_as_their_bytes_allow() {
         };
         for k in 0..3 {
             let turn = axes(&a).col(k).dot(axes(&b).col(k)).abs();
-            assert!(turn > 1.0 - 2e-4, "{:?} {:?}", a.rotation, b.rotation);
+            // Of splats ten times as long as wide, 3° of rotation do not show.
+            assert!(turn > 1.0 - 1.4e-3, "{:?} {:?}", a.rotation, b.rotation);
         }
     }
 }
@@ -114,7 +117,7 @@ fn colour_by_direction_follows_a_palette() {
     let plain = read_bytes(&written_as(ModelFormat::Ply, &native)).unwrap().splats;
     let back = read_bytes(&written_as(ModelFormat::Sog, &native)).unwrap();
     assert!(!back.notes.iter().any(|n| matches!(n, Note::ViewDependentColorIgnored { .. })));
-    let key = |set: &vbgs_studio::model::splat::appearance::SplatSet| {
+    let key = |set: &SplatSet| {
         let mut all: Vec<(f32, [[f32; 3]; 3])> =
             (0..set.len()).map(|i| (set[i].mean[0], set.appearance_of(i).directional)).collect();
         all.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -129,6 +132,34 @@ fn colour_by_direction_follows_a_palette() {
         }
     }
     assert!(errors < 0.6 * energy, "{errors} of {energy}");
+}
+
+#[test]
+fn colours_of_a_palette_are_exact_from_where_splats_were_seen() {
+    let splats = splats(640, 176);
+    let mut appearance = random_appearance(&splats, 176);
+    let seen = |i: usize| DVec3::new((i as f64).sin(), (i as f64).cos(), 0.7).normalize();
+    for (i, appearance) in appearance.iter_mut().enumerate() {
+        appearance.observed = ObservedCone::new(seen(i), Sym3::diagonal(0.1));
+    }
+    let native = set(&splats, &appearance);
+    let [plain, back] = [ModelFormat::Ply, ModelFormat::Sog]
+        .map(|format| read_bytes(&written_as(format, &native)).unwrap().splats);
+    let color = |set: &SplatSet, i: usize, d: DVec3| {
+        let slope =
+            set.appearance_of(i).directional.map(|row| DVec3::from_array(row.map(f64::from)));
+        DVec3::from_array(set[i].color.map(f64::from))
+            + DVec3::from_array(slope.map(|row| row.dot(d)))
+    };
+    let mut elsewhere = 0.0_f64;
+    for i in 0..plain.len() {
+        let apart = |j: &usize| distance(plain[i].mean, back[*j].mean);
+        let j = (0..back.len()).min_by(|j, k| apart(j).total_cmp(&apart(k))).unwrap();
+        let error = |d: DVec3| (color(&plain, i, d) - color(&back, j, d)).abs().max_element();
+        assert!(error(seen(i)) < 0.02, "{i}: {}", error(seen(i)));
+        elsewhere = elsewhere.max(error(-seen(i)));
+    }
+    assert!(elsewhere > 0.1, "{elsewhere}");
 }
 
 #[test]

@@ -244,6 +244,7 @@ impl<'a> Columns<'a> {
                 scale: DVec3::ZERO,
                 rotation: DQuat::IDENTITY,
                 directional: DMat3::ZERO,
+                seen: DVec3::ZERO,
             };
             let gaussian = match &self.shape {
                 None => point,

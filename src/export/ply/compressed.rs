@@ -75,6 +75,7 @@ pub(super) fn read(
                 .exp(),
             rotation,
             directional,
+            seen: DVec3::ZERO,
         });
     }
     let n_coefficients = sh.map_or(0, |sh| sh.values.len() - N_DEGREE_1);

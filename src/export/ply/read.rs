@@ -186,6 +186,7 @@ impl Layout {
             scale: DVec3::ZERO,
             rotation: DQuat::IDENTITY,
             directional: DMat3::ZERO,
+            seen: DVec3::ZERO,
         };
         match &self.shape {
             None => point,

@@ -151,6 +151,7 @@ pub(super) fn sog(bytes: &[u8], intake: Intake) -> Result<Imported, Fault> {
             scale: meta.scales.codebook.vector(scales.pixel(i)).exp(),
             rotation: rows.rotation(quaternion(rotations.pixel(i))),
             directional: harmonics.as_ref().map_or(DMat3::ZERO, |all| all.directional(i)),
+            seen: DVec3::ZERO,
         };
         // Viewers turn the axes of the file by half a turn about z: its y points down.
         rows.push(splat.rotated(&AxisRotation::Z_UP_TO_Y_DOWN.inverse()));

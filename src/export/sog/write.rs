@@ -8,9 +8,11 @@ use super::{
     Asset, Codebook, Coded, FIRST_MODE, Images, META, Means, Meta, N_COEFFICIENTS, N_LEVELS,
     Palette, ROW_ENTRIES, VERSION, from_log, to_log,
 };
-use crate::export::gaussian::{Gaussian, color_to_harmonic, directional_to_harmonics, wxyz};
+use crate::export::gaussian::{
+    Gaussian, color_to_harmonic, directional_to_harmonics, harmonics_to_directional, wxyz,
+};
 use crate::export::stream::{ProgressCounter, SplatRows, morton_order, small_quantile};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use image_webp::{ColorType, EncoderParams, WebPEncoder};
 use rayon::prelude::*;
 use std::f64::consts::SQRT_2;
@@ -24,8 +26,14 @@ use zip::{CompressionMethod, ZipWriter};
 const STEP_OF_DEVIATION: f64 = 1.0 / 4.0;
 /// Number of bits of a coordinate.
 const COORDINATE_BITS: u32 = 16;
+/// Rounding error of a rotation that does not show, relative to a splat's middle standard deviation over its largest.
+const ERROR_OF_ROTATION: f64 = 1.0 / 4.0;
+/// Error of rotations in radians, root mean square, after rounding to all levels of a byte.
+const ERROR_OF_BYTE: f64 = 0.0055;
+/// Largest number of lowest bits of rotations that are zero.
+const MAX_ZERO_BITS: u32 = 2;
 /// Number of levels of the logarithms of scales.
-const SCALE_LEVELS: usize = 64;
+const SCALE_LEVELS: usize = 32;
 /// Number of levels of colours.
 const COLOR_LEVELS: usize = 64;
 /// Number of splats for each entry of the palette of harmonics.
@@ -82,15 +90,17 @@ impl SogLayout {
         steps: &mut ProgressCounter,
     ) -> io::Result<()> {
         let n = rows.n_rows();
+        let entries = if self.has_directions { palette(rows, &self.pixels) } else { Vec::new() };
+        let rows = &Labelled::new(rows, &entries);
         let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
         let mut add = |name: &str, bytes: &[u8], method: CompressionMethod| {
             let options = SimpleFileOptions::default().compression_method(method);
             zip.start_file(name, options).map_err(io::Error::other)?;
             zip.write_all(bytes)
         };
-        let mut image =
-            |name: &str, channels: usize, pixel: &(dyn Fn(Gaussian) -> [u8; 4] + Sync)| {
-                let pixels = self.pixels.par_iter().map(|row| pixel(rows.row(*row as usize)));
+        let mut stored =
+            |name: &str, channels: usize, pixel: &(dyn Fn(usize) -> [u8; 4] + Sync)| {
+                let pixels = self.pixels.par_iter().map(|row| pixel(*row as usize));
                 let pixels: Vec<[u8; 4]> = pixels.collect();
                 add(
                     name,
@@ -99,6 +109,10 @@ impl SogLayout {
                 )?;
                 steps.advance(n)?;
                 Ok::<Images, io::Error>(Images { files: vec![name.to_owned()] })
+            };
+        let mut image =
+            |name: &str, channels: usize, pixel: &(dyn Fn(Gaussian) -> [u8; 4] + Sync)| {
+                stored(name, channels, &|row| pixel(rows.row(row)))
             };
         let position =
             |g: &Gaussian| rounded(g, self.bounds, self.n_zero_bits).map(u16::to_le_bytes);
@@ -114,7 +128,8 @@ impl SogLayout {
         let levels = Levels::of(rows, SCALE_LEVELS, scale);
         let files = image("scales.webp", 3, &|g| levels.pixel(scale(&g), 255))?.files;
         let scales = Coded { codebook: levels.codebook(), files };
-        let quats = image("quats.webp", 4, &|g| to_quaternion(wxyz(g.rotation)))?;
+        let n_zero_bits = rotation_zero_bits(rows);
+        let quats = image("quats.webp", 4, &|g| to_quaternion(wxyz(g.rotation), n_zero_bits))?;
         let color = |g: &Gaussian| color_to_harmonic(g.color).to_array();
         let levels = Levels::of(rows, COLOR_LEVELS, color);
         let files =
@@ -123,23 +138,15 @@ impl SogLayout {
         let harmonics = match self.has_directions {
             false => None,
             true => {
-                let entries = palette(rows, &self.pixels);
-                let nearest = Nearest::new(&entries);
-                let label = |g: &Gaussian| (nearest.index(&harmonics(g)) as u16).to_le_bytes();
-                let labels = image("shN_labels.webp", 3, &|g| {
-                    let [low, high] = label(&g);
-                    [low, high, 0, 255]
+                let labels = stored("shN_labels.webp", 3, &|row| {
+                    let [low, high] = rows.labels[row].to_le_bytes();
+                    // The encoder stores differences to the second channel: none are left in the third.
+                    [low, high, high, 255]
                 })?;
-                Some((entries, labels.files))
-            }
-        };
-        let harmonics = match harmonics {
-            None => None,
-            Some((entries, labels)) => {
                 let name = "shN_centroids.webp";
                 let (codebook, bytes) = centroids(&entries)?;
                 add(name, &bytes, CompressionMethod::Stored)?;
-                let files = [vec![name.to_owned()], labels].concat();
+                let files = [vec![name.to_owned()], labels.files].concat();
                 Some(Palette { count: entries.len() as u64, bands: 1, codebook, files })
             }
         };
@@ -202,13 +209,23 @@ fn n_zero_bits(rows: &impl SplatRows, [start, end]: [DVec3; 2]) -> u32 {
     (small.log2().floor().max(0.0) as u32).min(COORDINATE_BITS / 2)
 }
 
+/// Returns how many of the lowest bits of rotations are finer than shows at a long splat.
+fn rotation_zero_bits(rows: &impl SplatRows) -> u32 {
+    let steps = |g: &Gaussian| {
+        let width = g.middle_scale() / g.scale.max_element();
+        ERROR_OF_ROTATION * width / ERROR_OF_BYTE
+    };
+    (small_quantile(rows, steps).log2().floor().max(0.0) as u32).min(MAX_ZERO_BITS)
+}
+
 fn to_byte(v: f64) -> u8 {
     v.round() as u8
 }
 
 /// Inverse of [`quaternion`](super::quaternion) for `w x y z`. Half a turn about an axis of a Gaussian does not change
-/// it, so the rotation is chosen whose `w` is the largest component: all pixels then have the same mode.
-fn to_quaternion([w, x, y, z]: [f64; 4]) -> [u8; 4] {
+/// it, so the rotation is chosen whose `w` is the largest component: all pixels then have the same mode. The lowest
+/// `n_zero_bits` of each byte are zero.
+fn to_quaternion([w, x, y, z]: [f64; 4], n_zero_bits: u32) -> [u8; 4] {
     let most = w.abs().max(x.abs()).max(y.abs()).max(z.abs());
     let [w, x, y, z] = match most {
         _ if w.abs() == most => [w, x, y, z],
@@ -216,7 +233,12 @@ fn to_quaternion([w, x, y, z]: [f64; 4]) -> [u8; 4] {
         _ if y.abs() == most => [y, z, -w, -x],
         _ => [z, -y, x, -w],
     };
-    let byte = |v: f64| to_byte(255.0 * (v * w.signum() / SQRT_2 + 0.5));
+    let most = f64::from(u8::MAX >> n_zero_bits);
+    let step = f64::from(1u8 << n_zero_bits);
+    let byte = |v: f64| {
+        let share = v * w.signum() / SQRT_2 + 0.5;
+        to_byte((255.0 * share / step).round().min(most)) << n_zero_bits
+    };
     [byte(x), byte(y), byte(z), FIRST_MODE]
 }
 
@@ -367,6 +389,48 @@ fn palette(rows: &impl SplatRows, pixels: &[u32]) -> Vec<[f32; N_VALUES]> {
     let key = |entry: &[f32; N_VALUES]| entry.iter().sum::<f32>();
     entries.sort_by(|a, b| key(a).total_cmp(&key(b)));
     entries
+}
+
+/// Rows whose harmonics are those of a palette. Colours are corrected so that nothing changes from the mean direction
+/// from which a splat was observed.
+struct Labelled<'a, R> {
+    rows: &'a R,
+    /// Entries of the palette as matrices of directional colour.
+    entries: Vec<DMat3>,
+    /// Index of each row's entry; empty without a palette.
+    labels: Vec<u16>,
+}
+
+impl<'a, R: SplatRows> Labelled<'a, R> {
+    fn new(rows: &'a R, entries: &[[f32; N_VALUES]]) -> Self {
+        let nearest = Nearest::new(entries);
+        let all = if entries.is_empty() { 0..0 } else { 0..rows.n_rows() };
+        let labels = all.into_par_iter().map(|i| nearest.index(&harmonics(&rows.row(i))) as u16);
+        let directional = |entry: &[f32; N_VALUES]| {
+            let coefficient = |k: usize| DVec3::from_slice(&entry.map(f64::from)[3 * k..]);
+            harmonics_to_directional([0, 1, 2].map(coefficient))
+        };
+        let labels = labels.collect();
+        Self { rows, entries: entries.iter().map(directional).collect(), labels }
+    }
+}
+
+impl<R: SplatRows> SplatRows for Labelled<'_, R> {
+    fn n_rows(&self) -> usize {
+        self.rows.n_rows()
+    }
+
+    fn row(&self, row: usize) -> Gaussian {
+        let exact = self.rows.row(row);
+        let Some(label) = self.labels.get(row) else { return exact };
+        let directional = self.entries[usize::from(*label)];
+        let color = exact.color + (exact.directional - directional) * exact.seen;
+        Gaussian { color, directional, ..exact }
+    }
+
+    fn has_directions(&self) -> bool {
+        self.rows.has_directions()
+    }
 }
 
 /// Entries of a palette in blocks of eight, for the search of the nearest one.

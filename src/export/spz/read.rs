@@ -134,6 +134,7 @@ fn splat(file: &mut Unpacked, rows: &mut Rows) -> Result<Gaussian, Fault> {
         scale: scale(scales.next()?),
         rotation: rows.rotation(rotation),
         directional,
+        seen: DVec3::ZERO,
     })
 }
 
