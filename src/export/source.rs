@@ -134,7 +134,8 @@ fn plain(view: SplatView, row: Row, mapping: Option<Mapping>) -> Option<Gaussian
     let native = drawable_at(view, i)?;
     let Some(mapping) = mapping else { return Some(native) };
     let (splat, appearance) = mapping::plain_piece(view, i, &native, row.piece as usize, mapping)?;
-    Some(Gaussian::from_splat(&splat, &appearance))
+    // Plain splats have no cone of observed directions.
+    Some(Gaussian { seen: native.seen, ..Gaussian::from_splat(&splat, &appearance) })
 }
 
 pub(super) fn file_rotation(options: &WriteOptions) -> AxisRotation {

@@ -141,6 +141,7 @@ fn colours_of_a_palette_are_exact_from_where_splats_were_seen() {
     let seen = |i: usize| DVec3::new((i as f64).sin(), (i as f64).cos(), 0.7).normalize();
     for (i, appearance) in appearance.iter_mut().enumerate() {
         appearance.observed = ObservedCone::new(seen(i), Sym3::diagonal(0.1));
+        appearance.directional = appearance.directional.map(|row| row.map(|v| 0.2 * v));
     }
     let native = set(&splats, &appearance);
     let [plain, back] = [ModelFormat::Ply, ModelFormat::Sog]
@@ -151,15 +152,19 @@ fn colours_of_a_palette_are_exact_from_where_splats_were_seen() {
         DVec3::from_array(set[i].color.map(f64::from))
             + DVec3::from_array(slope.map(|row| row.dot(d)))
     };
-    let mut elsewhere = 0.0_f64;
+    let (mut from_there, mut elsewhere) = (0.0_f64, 0.0_f64);
     for i in 0..plain.len() {
         let apart = |j: &usize| distance(plain[i].mean, back[*j].mean);
         let j = (0..back.len()).min_by(|j, k| apart(j).total_cmp(&apart(k))).unwrap();
         let error = |d: DVec3| (color(&plain, i, d) - color(&back, j, d)).abs().max_element();
-        assert!(error(seen(i)) < 0.02, "{i}: {}", error(seen(i)));
+        from_there = from_there.max(error(seen(i)));
         elsewhere = elsewhere.max(error(-seen(i)));
     }
-    assert!(elsewhere > 0.1, "{elsewhere}");
+    // Levels of colours remain.
+    assert!(
+        from_there < 0.04 && elsewhere > 4.0 * from_there,
+        "{from_there}, elsewhere {elsewhere}"
+    );
 }
 
 #[test]
