@@ -37,6 +37,12 @@ gate cargo test --release -- --ignored --skip figures --skip pictures
 # What machines without AVX2 run passes the same tests. The window's own code has no lanes.
 gate env VBGS_SIMD=portable cargo test --release --lib --test render -- --skip app::
 gate env VBGS_SIMD=portable cargo test --release --test engine -- inference variants
+# Neither instructions of the hot kernels nor pictures get worse than in the last line of the history. A line is
+# added by hand, `.ci/history .ci/history.csv`, so the gate appends to a copy.
+history="$(mktemp -d)"
+trap 'rm -rf "$history"' EXIT
+cp .ci/history.csv "$history"
+gate .ci/history "$history/history.csv"
 # Comments, messages, help texts and documentation stay in plain English.
 gate .ci/words target/release/vbgs-studio
 printf '\n=== every gate passed in %d s\n' "$SECONDS"

@@ -40,6 +40,7 @@ use crate::train::scene::trainer::SceneTrainer;
 use glam::DVec3;
 use std::hint::black_box;
 use std::num::NonZero;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
@@ -51,9 +52,23 @@ const MOST_LOSS: f64 = 0.05;
 /// Recordings that are trained, and number of held-out views that are measured.
 const RECORDINGS: [&str; 2] = ["kinect_office", "lego400"];
 const VIEWS: usize = 10;
-/// Sides of the counted kernels: pixels per side of the square of points, and number of components.
-const SIDE: usize = 96;
-const COMPONENTS: usize = 4000;
+
+/// Size of a kernel's input.
+#[derive(Clone, Copy, Debug)]
+pub struct KernelSize {
+    /// Pixels per side of the square of points, a multiple of 8.
+    pub side: usize,
+    pub components: usize,
+    /// Frames of the room.
+    pub frames: usize,
+}
+
+impl KernelSize {
+    /// Small, since a counted program runs fifty times slower.
+    pub const COUNTED: Self = Self { side: 96, components: 4000, frames: 2 };
+    /// Beyond the caches, for times.
+    pub const TIMED: Self = Self { side: 440, components: 100_000, frames: 4 };
+}
 
 /// Hot kernel of the engine whose instructions are counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, EnumIter, EnumString, IntoStaticStr, VariantNames)]
@@ -77,14 +92,19 @@ impl Kernel {
     /// # Errors
     /// A model that cannot be built; never for the shapes used here.
     pub fn run(self, times: usize) -> Result<(), BenchError> {
-        let mut work = self.work()?;
+        let mut work = self.prepared(KernelSize::COUNTED)?;
         (0..times).try_for_each(|_| work())
     }
 
-    fn work(self) -> Result<Work, BenchError> {
+    /// Prepares the kernel's input. Returns a function that runs the kernel once.
+    ///
+    /// # Errors
+    /// A model that cannot be built; never for the shapes used here.
+    pub fn prepared(self, size: KernelSize) -> Result<Work, BenchError> {
+        let KernelSize { side, components, .. } = size;
         Ok(match self {
             Self::CandidateSearch => {
-                let (points, grid) = (wave(), MeanGrid::new(&means())?);
+                let (points, grid) = (wave(side), MeanGrid::new(&means(components))?);
                 let mut memory = CandidateSearch::default();
                 let mut ids = Vec::new();
                 Box::new(move || {
@@ -101,19 +121,19 @@ impl Kernel {
                 })
             }
             Self::IndexRebuild => {
-                let (means, mut grid) = (means(), MeanGrid::default());
+                let (means, mut grid) = (means(components), MeanGrid::default());
                 Box::new(move || Ok(grid.rebuild(&means)?))
             }
-            Self::PaperFrame => paper_frames(ReassignPolicy::Off)?,
-            Self::PaperReassigned => paper_frames(ReassignPolicy::Padded)?,
+            Self::PaperFrame => paper_frames(size, ReassignPolicy::Off)?,
+            Self::PaperReassigned => paper_frames(size, ReassignPolicy::Padded)?,
             Self::PaperTotals => {
                 let mut rng = Rng::new(1, Purpose::Synthetic, 0);
-                let mut statistics = Statistics::new(COMPONENTS, UpdateWidth::Fixed64);
+                let mut statistics = Statistics::new(components, UpdateWidth::Fixed64);
                 let mut shards = vec![Vec::new(); statistics.shards()];
-                for tile in 0..COMPONENTS as u32 {
+                for tile in 0..components as u32 {
                     let mut sums = [0.0f32; N_SUMS];
                     sums.fill_with(|| rng.normal() as f32);
-                    let id = rng.below(COMPONENTS) as u32;
+                    let id = rng.below(components) as u32;
                     shards[id as usize >> statistics.shard_bits()].push(TileRecord {
                         id,
                         tile,
@@ -127,8 +147,8 @@ impl Kernel {
             }
             Self::Destinations => {
                 let mut rng = Rng::new(2, Purpose::Synthetic, 0);
-                let q: Vec<f64> = (0..SIDE * SIDE).map(|_| 1e-4 * rng.normal().powi(2)).collect();
-                let quota = Quota { moves: SIDE, low_elbo: 8 * SIDE };
+                let q: Vec<f64> = (0..side * side).map(|_| 1e-4 * rng.normal().powi(2)).collect();
+                let quota = Quota { moves: side, low_elbo: 8 * side };
                 let (stream, mut chooser) =
                     (Rng::new(0, Purpose::Reassign, 1), DestinationChooser::default());
                 Box::new(move || {
@@ -137,7 +157,7 @@ impl Kernel {
                 })
             }
             Self::PreparedFrame => {
-                let room = room()?;
+                let room = room(size)?;
                 let (_, run, _) = training::prepare(&room, usize::MAX, 0)?;
                 let frame = room.load(0, 0)?;
                 let (mut preparer, mut out) = (Preparer::new(), Observation::empty());
@@ -146,11 +166,11 @@ impl Kernel {
                     Ok(())
                 })
             }
-            Self::ScenePoints => scene_frames(false)?,
-            Self::ScenePhotographs => scene_frames(true)?,
+            Self::ScenePoints => scene_frames(size, false)?,
+            Self::ScenePhotographs => scene_frames(size, true)?,
             Self::DrawnView => {
-                let splats = BenchScene::synthetic().splats(COMPONENTS, 0).into_owned();
-                let intrinsics = Intrinsics::from_horizontal_fov(2 * SIDE as u32, SIDE as u32, 1.0);
+                let splats = BenchScene::synthetic().splats(components, 0).into_owned();
+                let intrinsics = Intrinsics::from_horizontal_fov(2 * side as u32, side as u32, 1.0);
                 let eye = DVec3::new(1.5, -1.5, 1.0);
                 let pose = Pose::look_at(eye, DVec3::ZERO, DVec3::Z).unwrap_or(Pose::IDENTITY);
                 let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
@@ -167,13 +187,13 @@ impl Kernel {
 }
 
 /// Points of a wavy surface in `[-1, 1]`, tile by tile.
-fn wave() -> Points<f32> {
+fn wave(side: usize) -> Points<f32> {
     let mut points = Points::new();
-    for tile in 0..(SIDE / 8).pow(2) {
+    for tile in 0..(side / 8).pow(2) {
         for k in 0..64 {
-            let place = |n: usize| (n as f32 + 0.5) * 2.0 / SIDE as f32 - 1.0;
+            let place = |n: usize| (n as f32 + 0.5) * 2.0 / side as f32 - 1.0;
             let (x, y) =
-                (place(tile % (SIDE / 8) * 8 + k % 8), place(tile / (SIDE / 8) * 8 + k / 8));
+                (place(tile % (side / 8) * 8 + k % 8), place(tile / (side / 8) * 8 + k / 8));
             points.push([x, y, 0.5 * (2.0 * x).sin() * (1.5 * y).cos(), x, y, x - y]);
         }
         points.close_tile();
@@ -181,37 +201,43 @@ fn wave() -> Points<f32> {
     points
 }
 
-fn means() -> Vec<[f32; 3]> {
-    let draw = InitialDraw::random(COMPONENTS, 0);
+fn means(components: usize) -> Vec<[f32; 3]> {
+    let draw = InitialDraw::random(components, 0);
     draw.means.iter().map(|mean| [mean[0], mean[1], mean[2]].map(|x| x as f32)).collect()
 }
 
-type Work = Box<dyn FnMut() -> Result<(), BenchError>>;
+/// Function that runs a kernel once.
+pub type Work = Box<dyn FnMut() -> Result<(), BenchError>>;
 
-fn paper_frames(reassign: ReassignPolicy) -> Result<Work, BenchError> {
+fn paper_frames(
+    KernelSize { side, components, .. }: KernelSize,
+    reassign: ReassignPolicy,
+) -> Result<Work, BenchError> {
     let overrides = PaperOverrides {
         reassign: Some(reassign),
-        components: Some(COMPONENTS),
+        components: Some(components),
         ..PaperOverrides::default()
     };
     let config = PaperConfig::paper().with(&overrides)?;
-    let draw = InitialDraw::random(COMPONENTS, 0);
-    let (points, mut engine) = (wave(), learner::begin(&config, &draw, Normalization::IDENTITY)?);
+    let draw = InitialDraw::random(components, 0);
+    let (points, mut engine) =
+        (wave(side), learner::begin(&config, &draw, Normalization::IDENTITY)?);
     Ok(Box::new(move || {
         black_box(engine.learn(&points)?);
         Ok(())
     }))
 }
 
-fn room() -> Result<Arc<Dataset>, BenchError> {
-    let (width, height) = (SIDE as u32, SIDE as u32 * 3 / 4);
-    let small = SyntheticParams { width, height, n_train: 4, n_eval: 1, ..SyntheticParams::demo() };
+fn room(KernelSize { side, frames, .. }: KernelSize) -> Result<Arc<Dataset>, BenchError> {
+    let (width, height) = (side as u32, side as u32 * 3 / 4);
+    let small =
+        SyntheticParams { width, height, n_train: frames, n_eval: 1, ..SyntheticParams::demo() };
     Ok(Arc::new(synthetic::dataset(&small)?))
 }
 
 /// Trains a new scene on some frames of the room, with pixels that disagree with the scene before.
-fn scene_frames(photographs: bool) -> Result<Work, BenchError> {
-    let room = room()?;
+fn scene_frames(size: KernelSize, photographs: bool) -> Result<Work, BenchError> {
+    let room = room(size)?;
     let (plan, mut run, _) = training::prepare(&room, usize::MAX, 0)?;
     run.engine.photometric = PhotometricMode::Light.rule().filter(|_| photographs);
     if let Some(rule) = &mut run.engine.photometric {
@@ -243,8 +269,10 @@ struct Counter {
 impl Counter {
     /// Returns the instructions of one run of a kernel.
     fn count(&self, kernel: Kernel) -> Result<u64, BenchError> {
-        let [once, twice] = [self.instructions(kernel, 1)?, self.instructions(kernel, 2)?];
-        Ok(twice.saturating_sub(once))
+        // Two programs at once: each has one thread.
+        let (once, twice) =
+            rayon::join(|| self.instructions(kernel, 1), || self.instructions(kernel, 2));
+        Ok(twice?.saturating_sub(once?))
     }
 
     fn instructions(&self, kernel: Kernel, times: usize) -> Result<u64, BenchError> {
@@ -256,7 +284,8 @@ impl Counter {
         let output = command.arg("--times").arg(times.to_string()).output();
         let output = output.map_err(|error| BenchError::Counter(error.to_string()))?;
         let text = String::from_utf8_lossy(&output.stderr);
-        counted(&text).ok_or_else(|| {
+        // A program that was ended early has a count, too.
+        counted(&text).filter(|_| output.status.success()).ok_or_else(|| {
             let last = text.lines().last().unwrap_or_default();
             BenchError::Counter(format!("{name}: {}: {last}", output.status))
         })
@@ -264,6 +293,15 @@ impl Counter {
 }
 
 const VALGRIND: &str = "valgrind";
+
+/// Returns name and version of valgrind, as it prints them; nothing if it cannot be run.
+fn valgrind_version() -> String {
+    let output = Command::new(VALGRIND).arg("--version").output();
+    output.map_or_else(
+        |_| String::new(),
+        |output| String::from_utf8_lossy(&output.stdout).trim().to_owned(),
+    )
+}
 
 /// Returns the number in cachegrind's line `I refs: 1,234`, which versions space differently.
 fn counted(text: &str) -> Option<u64> {
@@ -279,6 +317,8 @@ pub struct HistoryPlan {
     /// File of the lines, which is created if there is none.
     pub file: PathBuf,
     pub commit: String,
+    /// Compiler of the program.
+    pub compiler: String,
 }
 
 /// New line of the history, and what the gate holds against it.
@@ -290,8 +330,8 @@ pub struct History {
     pub worse: Vec<String>,
 }
 
-/// Measures the program, compares with the last line of the file by the same instruction set, and appends
-/// the new line unless a measure is worse.
+/// Measures the program, compares with the last lines of the file, and appends the new line unless a measure is worse.
+/// Instruction counts are compared with the last line of the same instruction set, compiler and version of valgrind.
 pub fn run(plan: &HistoryPlan, progress: Progress) -> Result<History, BenchError> {
     let lines = read(&plan.file)?;
     let mut step = steps(progress, Kernel::iter().count() + RECORDINGS.len());
@@ -309,15 +349,15 @@ pub fn run(plan: &HistoryPlan, progress: Progress) -> Result<History, BenchError
     }
     let machine = describe(None);
     let cpu = format!("{}, {} threads", machine.cpu, machine.threads);
-    let mut cells = vec![plan.commit.clone(), cpu, machine.simd, size.to_string()];
+    let toolchain = format!("{}, {}", plan.compiler, valgrind_version());
+    let mut cells = vec![plan.commit.clone(), cpu, machine.simd, toolchain, size.to_string()];
     cells.extend(counts);
     for name in RECORDINGS {
         let Measured { ms, psnr } = Measured::of(&plan.data.join(name))?;
         cells.extend([format!("{ms:.2}"), format!("{psnr:.4}")]);
         step();
     }
-    let before = lines.iter().rfind(|line| line.get(SIMD) == cells.get(SIMD));
-    let worse = before.map_or_else(Vec::new, |before| worse(before, &cells));
+    let worse = worse(&lines, &cells);
     let line = csv_line(&cells)?;
     if worse.is_empty() {
         let mut text = csv_line(&columns())?;
@@ -330,11 +370,14 @@ pub fn run(plan: &HistoryPlan, progress: Progress) -> Result<History, BenchError
     Ok(History { line, uncounted, worse })
 }
 
-/// Column of the instruction set.
-const SIMD: usize = 2;
+/// Columns of instruction set and toolchain, on which instruction counts depend.
+const TARGET: Range<usize> = 2..4;
+/// Column of the first kernel.
+const KERNELS: usize = TARGET.end + 1;
 
 fn columns() -> Vec<String> {
-    let mut names = ["commit", "machine", "simd", "binary_bytes"].map(str::to_owned).to_vec();
+    let mut names =
+        ["commit", "machine", "simd", "toolchain", "binary_bytes"].map(str::to_owned).to_vec();
     names.extend(Kernel::iter().map(|kernel| <&str>::from(kernel).to_owned()));
     names.extend(RECORDINGS.iter().flat_map(|name| [format!("{name}_ms"), format!("{name}_db")]));
     names
@@ -363,22 +406,25 @@ fn csv_line(cells: &[String]) -> Result<String, BenchError> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// Returns what is worse in `now` than in `before` by more than the gate accepts. Cells without a number are
-/// left out.
-fn worse(before: &[String], now: &[String]) -> Vec<String> {
-    let first = SIMD + 2;
-    let n_kernels = Kernel::iter().count();
-    let cells = columns().into_iter().zip(before.iter().zip(now)).enumerate().skip(first);
-    cells
-        .filter_map(|(i, (name, (before, now)))| {
-            let [was, is]: [f64; 2] = [before.parse().ok()?, now.parse().ok()?];
-            let is_worse = match i < first + n_kernels {
-                true => is > was * (1.0 + MOST_GROWTH),
-                false => name.ends_with("_db") && is < was - MOST_LOSS,
-            };
-            is_worse.then(|| format!("{name}: {before} before, {now} now"))
-        })
-        .collect()
+/// Returns what is worse in `now` than in earlier lines by more than the gate accepts. Cells without a number are left
+/// out.
+fn worse(earlier: &[Vec<String>], now: &[String]) -> Vec<String> {
+    let quality = KERNELS + Kernel::iter().count();
+    let alike = earlier.iter().rfind(|line| line.get(TARGET) == now.get(TARGET));
+    let of = |name: String, at: usize| {
+        let is_kernel = (KERNELS..quality).contains(&at);
+        // Pictures depend on neither machine nor compiler, counts on both.
+        let before = if is_kernel { alike? } else { earlier.last()? };
+        let (before, now) = (before.get(at)?, now.get(at)?);
+        let [was, is]: [f64; 2] = [before.parse().ok()?, now.parse().ok()?];
+        let is_worse = match is_kernel {
+            true => is > was * (1.0 + MOST_GROWTH),
+            false => name.ends_with("_db") && is < was - MOST_LOSS,
+        };
+        is_worse.then(|| format!("{name}: {before} before, {now} now"))
+    };
+    let names = columns().into_iter().zip(0..).skip(KERNELS);
+    names.filter_map(|(name, at)| of(name, at)).collect()
 }
 
 /// Median time of a frame, prepared and trained, and mean PSNR of held-out views.
@@ -417,7 +463,7 @@ mod tests {
 
     #[test]
     fn the_gate_holds_counts_and_quality_and_no_times() {
-        let before = line(|_| None);
+        let before = [line(|_| None)];
         let worst = |name: &'static str, value: &'static str| {
             worse(&before, &line(|column| (column == name).then_some(value)))
         };
@@ -427,6 +473,23 @@ mod tests {
         assert!(worst("lego400_db", "23.9501").is_empty());
         assert_eq!(worst("lego400_db", "23.9").len(), 1);
         assert!(worst("lego400_ms", "9000").is_empty() && worst("binary_bytes", "9000").is_empty());
+    }
+
+    #[test]
+    fn counts_are_held_against_the_last_line_of_the_same_toolchain() {
+        let other = |column: &str| match column {
+            "toolchain" => Some("another"),
+            "scene_points" => Some("500"),
+            "lego400_db" => Some("23"),
+            _ => None,
+        };
+        let (before, now) = ([line(|_| None), line(other)], line(|_| None));
+        assert!(worse(&before, &now).is_empty(), "other counts are not compared");
+        let slow = line(|column| (column == "scene_points").then_some("1100"));
+        assert_eq!(worse(&before, &slow), ["scene_points: 1000 before, 1100 now"]);
+        let dull = line(|column| (column == "lego400_db").then_some("22.5"));
+        assert_eq!(worse(&before, &dull), ["lego400_db: 23 before, 22.5 now"]);
+        assert!(worse(&before[1..], &slow).is_empty() && worse(&[], &slow).is_empty());
     }
 
     #[test]

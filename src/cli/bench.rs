@@ -79,8 +79,9 @@ fn run_history(args: &HistoryArgs) -> Result<(), Failure> {
     if let Some(kernel) = args.kernel {
         return Ok(kernel.run(args.times)?);
     }
-    let HistoryArgs { data, file, commit, .. } = args;
-    let plan = HistoryPlan { data: data.clone(), file: file.clone(), commit: commit.clone() };
+    let HistoryArgs { data, file, commit, compiler, .. } = args.clone();
+    let plan = HistoryPlan { data, file, commit, compiler };
+    let file = &plan.file;
     let found = output::steps("bench", |progress| history::run(&plan, progress))?;
     out!("{}", found.line.trim_end());
     if let Some(reason) = &found.uncounted {

@@ -71,6 +71,9 @@ pub struct Selection {
     /// Shard: the part of the frames that one of several runs trains on. Applied after order and
     /// stride.
     pub shard: Option<Shard>,
+    /// Number of frames that the run had visited when the shard began: the start's, of which the shard is no part.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub start_frames: usize,
     /// Maximum number of frames.
     pub max_frames: Option<usize>,
     /// Number of passes over the frames, at least 1. The first pass trains on points and photographs,
@@ -94,6 +97,10 @@ fn once() -> usize {
     1
 }
 
+fn is_zero(n: &usize) -> bool {
+    *n == 0
+}
+
 fn is_once(passes: &usize) -> bool {
     *passes == 1
 }
@@ -103,8 +110,19 @@ impl Selection {
     pub fn all_frames() -> Self {
         let (split, followed_split, shard, max_frames) = (None, None, None, None);
         let (order, stride, passes, follow) = (Order::Sequential, 1, 1, false);
-        let hold_out = HoldOut::default();
-        Self { split, order, stride, shard, max_frames, passes, followed_split, follow, hold_out }
+        let (start_frames, hold_out) = (0, HoldOut::default());
+        Self {
+            split,
+            order,
+            stride,
+            shard,
+            start_frames,
+            max_frames,
+            passes,
+            followed_split,
+            follow,
+            hold_out,
+        }
     }
 
     /// Returns the name of the split to train on; `None` for the dataset's default.
@@ -125,17 +143,25 @@ impl Selection {
 
     /// Returns the selection without shard and limit, the same for all shards of a run.
     pub fn without_shard(&self) -> Self {
-        Self { shard: None, max_frames: None, ..self.clone() }
+        Self { shard: None, start_frames: 0, max_frames: None, ..self.clone() }
     }
 
-    /// Applies stride, order, shard and limit to the training frames.
-    fn of(&self, training: Vec<usize>, seed: u64) -> Vec<usize> {
+    /// Returns those of the visited frames that the run's start had visited.
+    fn of_start<'a, T>(&self, visited: &'a [T]) -> &'a [T] {
+        visited.get(..self.start_frames).unwrap_or(visited)
+    }
+
+    /// Applies stride, order, shard and limit to the training frames. The shard is a part of the frames that are not
+    /// in `start`.
+    fn of(&self, training: Vec<usize>, seed: u64, start: &[usize]) -> Vec<usize> {
         let mut frames: Vec<usize> = training.into_iter().step_by(self.stride.max(1)).collect();
         if self.order == Order::Shuffled {
             Rng::new(seed, Purpose::Order, 0).shuffle(&mut frames);
         }
         // Shards are taken after the shuffle, so that all shards together are the whole plan.
         if let Some(Shard { index, of }) = self.shard {
+            let start: BTreeSet<usize> = start.iter().copied().collect();
+            frames.retain(|frame| !start.contains(frame));
             frames = frames.into_iter().skip(index - 1).step_by(of).collect();
         }
         frames.truncate(self.max_frames.unwrap_or(usize::MAX));
@@ -169,6 +195,15 @@ impl Plan {
     /// Plans the frames of a selection. The hold-out `every-8th` has no effect if the user named the
     /// split; a sector is always held out.
     pub fn new(dataset: &Dataset, selection: &Selection, seed: u64) -> Result<Self, DatasetError> {
+        Self::after(dataset, selection, seed, &[])
+    }
+
+    fn after(
+        dataset: &Dataset,
+        selection: &Selection,
+        seed: u64,
+        start: &[usize],
+    ) -> Result<Self, DatasetError> {
         let split = match selection.split_name() {
             Some(name) => dataset.split_named(name)?,
             None => dataset.training_split()?,
@@ -180,7 +215,7 @@ impl Plan {
         let training = evaluation.training.filter(|_| !trains_whole && !is_single);
         let held_out = training.is_some().then_some(evaluation.why);
         let all = || (0..dataset.splits[split].frames.len()).collect();
-        let frames = selection.of(training.unwrap_or_else(all), seed);
+        let frames = selection.of(training.unwrap_or_else(all), seed, start);
         let mut plan = Self { split, frames, held_out };
         plan.repeat(selection, seed);
         Ok(plan)
@@ -221,7 +256,7 @@ impl Plan {
             None => (0..n_frames).collect(),
         };
         // Sequential order does not use the seed.
-        let selected = all.of(training, 0).into_iter();
+        let selected = all.of(training, 0, selection.of_start(&self.frames)).into_iter();
         self.frames.extend(selected.filter(|&frame| frame >= known));
         self.frames.truncate(most);
     }
@@ -243,8 +278,8 @@ impl Plan {
     ) -> Result<Self, DatasetError> {
         // The limit counts visited frames as well, so it is applied below.
         let all = Selection { max_frames: None, passes: 1, ..selection.clone() };
-        let mut plan = Self::new(dataset, &all, seed)?;
         let visited: Vec<usize> = visited.iter().map(|&frame| frame as usize).collect();
+        let mut plan = Self::after(dataset, &all, seed, selection.of_start(&visited))?;
         // Frames of the first pass, then the remaining ones of all passes.
         let mut known = BTreeSet::new();
         let first: Vec<usize> =
@@ -264,6 +299,23 @@ impl Plan {
         plan.frames = [visited, left].concat();
         Ok(plan)
     }
+
+    /// True if a run that has `visited` frames begins `shard` of the frames that are left when it is resumed with it.
+    /// False if it continues its own shard: that of a start, or one with frames left.
+    pub fn begins_shard(
+        dataset: &Dataset,
+        selection: &Selection,
+        seed: u64,
+        visited: &[u32],
+        shard: Shard,
+    ) -> Result<bool, DatasetError> {
+        if selection.shard != Some(shard) {
+            return Ok(true);
+        }
+        let unlimited = Selection { max_frames: None, passes: 1, ..selection.clone() };
+        let plan = Self::resumed(dataset, &unlimited, seed, visited)?;
+        Ok(selection.start_frames == 0 && plan.frames.len() == visited.len())
+    }
 }
 
 #[cfg(test)]
@@ -272,18 +324,19 @@ mod tests {
     use crate::dataset::synthetic::{self, SyntheticParams};
     use std::sync::LazyLock;
 
+    // Rendering the room takes longer than all plans of it.
+    static ROOM: LazyLock<Dataset> = LazyLock::new(|| {
+        let params = SyntheticParams {
+            width: 32,
+            height: 24,
+            n_train: 6,
+            n_eval: 1,
+            ..SyntheticParams::demo()
+        };
+        synthetic::dataset(&params).unwrap()
+    });
+
     fn plan(selection: &Selection, visited: &[u32]) -> Vec<usize> {
-        // Rendering the room takes longer than all plans of it.
-        static ROOM: LazyLock<Dataset> = LazyLock::new(|| {
-            let params = SyntheticParams {
-                width: 32,
-                height: 24,
-                n_train: 6,
-                n_eval: 1,
-                ..SyntheticParams::demo()
-            };
-            synthetic::dataset(&params).unwrap()
-        });
         Plan::resumed(&ROOM, selection, 5, visited).unwrap().frames
     }
 
@@ -304,6 +357,29 @@ mod tests {
         let shuffled = Selection { passes: 2, order: Order::Shuffled, ..Selection::all_frames() };
         let whole = plan(&shuffled, &[]);
         assert_ne!(whole[..6], whole[6..], "each pass has its own order");
+    }
+
+    #[test]
+    fn shards_of_a_start_share_the_frames_that_it_left() {
+        let shard = |text: &str| text.parse::<Shard>().ok();
+        let start = Selection { shard: shard("1/3"), ..Selection::all_frames() };
+        assert_eq!(plan(&start, &[]), [0, 3]);
+        let of_start = |text| Selection { shard: shard(text), start_frames: 2, ..start.clone() };
+        assert_eq!(plan(&of_start("1/3"), &[0, 3]), [0, 3, 1, 5]);
+        assert_eq!(plan(&of_start("2/3"), &[0, 3]), [0, 3, 2]);
+        // A shard that was interrupted continues.
+        assert_eq!(plan(&of_start("1/3"), &[0, 3, 1]), [0, 3, 1, 5]);
+        let begins = |selection: &Selection, visited: &[u32], text| {
+            let shard = shard(text).unwrap();
+            Plan::begins_shard(&ROOM, selection, 5, visited, shard).unwrap()
+        };
+        assert!(begins(&start, &[0, 3], "2/3") && begins(&start, &[0], "1/2"));
+        assert!(begins(&start, &[0, 3], "1/3"), "a complete start");
+        assert!(!begins(&start, &[0], "1/3"), "an interrupted start");
+        assert!(!begins(&of_start("1/3"), &[0, 3, 1, 5], "1/3"), "a complete shard");
+        let mut grown = Plan { split: 0, frames: vec![0, 3, 1, 5], held_out: None };
+        grown.extend(&of_start("1/3"), 6, 9);
+        assert_eq!(grown.frames, [0, 3, 1, 5, 8]);
     }
 
     #[test]

@@ -28,7 +28,7 @@ pub enum BenchName {
     Render(RenderBenchArgs),
 }
 
-#[derive(Args)]
+#[derive(Args, Clone)]
 pub struct HistoryArgs {
     /// Folder with the recordings `kinect_office` and `lego400`
     #[arg(long, value_name = "DIR", default_value = "../shared/data")]
@@ -39,6 +39,9 @@ pub struct HistoryArgs {
     /// Name of the commit in the line
     #[arg(long, value_name = "NAME", default_value = "uncommitted")]
     pub commit: String,
+    /// Compiler of the program, as `rustc --version` prints it; instructions are compared only with lines of the same
+    #[arg(long, value_name = "VERSION", default_value = "unknown")]
+    pub compiler: String,
     /// Fail if instructions cannot be counted
     #[arg(long)]
     pub counted: bool,

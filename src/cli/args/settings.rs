@@ -201,6 +201,7 @@ pub fn selection(args: &TrainArgs) -> Selection {
         order: run.order.unwrap_or(everything.order),
         stride: run.stride.unwrap_or(everything.stride),
         shard: args.shard,
+        start_frames: everything.start_frames,
         followed_split: None,
         max_frames: args.max_frames,
         passes: run.passes.unwrap_or(everything.passes),

@@ -149,19 +149,23 @@ impl SavedRun {
         let Checkpoint { history, cursor, model, .. } = content;
         // Shards of one start continue the same estimates. If each of them learned the start's buffered photographs
         // again, fusion would take what they have in common for information of as many shards.
-        let begins_shard = asked.shard.is_some_and(|shard| config.selection.shard != Some(shard));
+        let seed = config.method.as_any().seed();
+        let begins_shard = match asked.shard {
+            None => false,
+            Some(shard) => {
+                Plan::begins_shard(&dataset, &config.selection, seed, &cursor.visited, shard)?
+            }
+        };
         let settled = begins_shard.then(|| config.method.as_any().settled(&model)).flatten();
         let model = settled.unwrap_or(model);
         config.selection.max_frames = asked.max_frames.or(config.selection.max_frames);
-        config.selection.shard = asked.shard.or(config.selection.shard);
+        if begins_shard {
+            config.selection.shard = asked.shard;
+            config.selection.start_frames = cursor.visited.len();
+        }
         // At least the visits so far, so that the plan contains all of them.
         config.selection.passes = asked.passes.unwrap_or(config.selection.passes).max(most_visits);
-        let plan = Plan::resumed(
-            &dataset,
-            &config.selection,
-            config.method.as_any().seed(),
-            &cursor.visited,
-        )?;
+        let plan = Plan::resumed(&dataset, &config.selection, seed, &cursor.visited)?;
         // A followed recording may have grown since.
         let found = match asked.follow || config.selection.follow {
             true => Fingerprint::of_first_frames(&dataset, plan.split, meta.fingerprint.frames()),

@@ -8,6 +8,7 @@ use crate::math::simd::{Kernel, Vector};
 use crate::model::splat::texture::ShownTextures;
 use crate::render::finish::Finish;
 use crate::render::options::{Lens, RenderMethod, Response, TILE};
+use std::ops::Range;
 use wide::bytemuck::cast_slice;
 
 // Splats binned to tiles at a time. Limits a row's lists to this many entries per tile, whatever
@@ -32,12 +33,13 @@ pub(super) struct Batch {
 }
 
 impl Batch {
-    /// Gathers the listed records of a view and bins them to the `n_tiles` tiles of a row.
-    pub(super) fn fill(&mut self, all: &Records, list: &[u32], n_tiles: usize) {
+    /// Gathers the listed records of a view and bins them to some tiles of a row. Each record must touch one of the
+    /// tiles.
+    pub(super) fn fill(&mut self, all: &Records, list: &[u32], columns: &Range<usize>) {
         let Self { records, by_tile } = self;
         records.gather(all, list);
-        by_tile.fill(n_tiles, 0..list.len() as u32, |i| {
-            records.records[i as usize].rect.tile_columns()
+        by_tile.fill(columns.len(), 0..list.len() as u32, |i| {
+            records.records[i as usize].rect.columns_within(columns)
         });
     }
 }
@@ -61,6 +63,9 @@ pub(super) struct DrawRow<'a> {
     pub canvas: &'a mut RowCanvas,
     /// Index, in the image, of the topmost pixel row.
     pub top: usize,
+    /// Columns of the drawn tiles.
+    pub columns: Range<usize>,
+    /// Records that touch the drawn tiles.
     pub list: &'a [u32],
 }
 
@@ -86,17 +91,17 @@ impl Kernel for DrawRow<'_> {
 impl DrawRow<'_> {
     #[inline(always)]
     fn draw<V: Vector, const FORM: u8>(self, min_front: f32) {
-        let Self { sheet, canvas, top, list } = self;
-        canvas.clear(top, &sheet);
+        let Self { sheet, canvas, top, columns, list } = self;
+        canvas.clear(top, columns.clone(), &sheet);
         if sheet.is_for_textures {
-            canvas.finish_plain_tiles(sheet.records, list);
+            canvas.finish_plain_tiles(sheet.records, &columns, list);
         }
         for batch in list.chunks(BATCH) {
             // Batches are ordered nearest first: once every tile is full, later splats are hidden.
             if canvas.tiles.iter().all(Tile::is_finished) {
                 break;
             }
-            canvas.batch.fill(sheet.records, batch, canvas.tiles.len());
+            canvas.batch.fill(sheet.records, batch, &columns);
             let Batch { records, by_tile } = &canvas.batch;
             for (index, tile) in canvas.tiles.iter_mut().enumerate() {
                 let list = by_tile.get(index);
@@ -117,11 +122,12 @@ impl DrawRow<'_> {
 }
 
 impl RowCanvas {
-    fn clear(&mut self, top: usize, sheet: &RowInputs<'_>) {
+    fn clear(&mut self, top: usize, columns: Range<usize>, sheet: &RowInputs<'_>) {
         let k = &sheet.intrinsics;
         let (width, height) = (k.width as usize, k.height as usize);
         self.tiles.clear();
-        self.tiles.extend((0..width).step_by(TILE).map(|left| {
+        self.tiles.extend(columns.map(|column| {
+            let left = column * TILE;
             let mut tile = Tile::new(left, top, width - left, height - top);
             if !sheet.records.planes.is_empty() {
                 tile.record_owners();
@@ -134,12 +140,12 @@ impl RowCanvas {
     }
 
     /// Marks the tiles that none of the listed splats with a texture touches as finished.
-    fn finish_plain_tiles(&mut self, records: &Records, list: &[u32]) {
+    fn finish_plain_tiles(&mut self, records: &Records, columns: &Range<usize>, list: &[u32]) {
         let mut is_textured = vec![false; self.tiles.len()];
         for &record in list {
             if records.planes[record as usize].has_texture() {
-                let columns = records.records[record as usize].rect.tile_columns();
-                is_textured[columns].fill(true);
+                let touched = records.records[record as usize].rect.columns_within(columns);
+                is_textured[touched].fill(true);
             }
         }
         let plain = self.tiles.iter_mut().zip(is_textured).filter(|(_, is_textured)| !is_textured);

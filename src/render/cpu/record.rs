@@ -75,6 +75,14 @@ impl Rect {
         tile_range(self.x0, self.x1)
     }
 
+    /// Returns those of the tiles `columns` that the rectangle touches, numbered from the first of them.
+    #[inline(always)]
+    pub(super) fn columns_within(&self, columns: &Range<usize>) -> Range<usize> {
+        let Range { start, end } = self.tile_columns();
+        let within = |column: usize| column.clamp(columns.start, columns.end) - columns.start;
+        within(start)..within(end)
+    }
+
     #[cfg(feature = "gui")]
     pub(super) fn tile_rows(&self) -> Range<usize> {
         tile_range(self.y0, self.y1)

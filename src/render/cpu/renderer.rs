@@ -156,7 +156,8 @@ impl CpuRenderer {
         let tasks = pixels.enumerate().map(|(row, task)| (rows.get(row).len(), (row, task)));
         longest_first(tasks, &mut self.canvases, |(row, ((color, coverage), depth)), canvas| {
             let (top, list) = (row * TILE, rows.get(row));
-            Isa::best().run(DrawRow { sheet, canvas: &mut *canvas, top, list });
+            let columns = 0..width.div_ceil(TILE);
+            Isa::best().run(DrawRow { sheet, canvas: &mut *canvas, top, columns, list });
             canvas.finish_pixels(&sheet, top, color, coverage, depth);
         });
         observer(CpuStage::Raster);

@@ -3,7 +3,7 @@
 
 use super::raster::{DrawRow, RowCanvas, RowInputs};
 use super::renderer::CpuRenderer;
-use super::rows::longest_first;
+use super::rows::{ViewLists, longest_first};
 use super::textures::{Owners, SurfacePlane, meet};
 use super::tile::{GROUPS, Plane, Tile};
 use super::view::CpuView;
@@ -13,6 +13,7 @@ use crate::model::splat::appearance::SplatView;
 use crate::model::splat::texture::Lattice;
 use crate::render::finish::Finish;
 use crate::render::options::{RenderOptions, TILE};
+use std::ops::Range;
 
 /// A textured splat in a pixel.
 #[derive(Clone, Copy, Debug)]
@@ -122,27 +123,39 @@ fn value(plane: &Plane, at: [usize; 2]) -> f32 {
     plane[group][lane]
 }
 
+/// View whose textured splats are listed and can be visited.
+pub struct SurfaceView<'a> {
+    lists: &'a ViewLists,
+    canvases: &'a mut Vec<RowCanvas>,
+    inputs: RowInputs<'a>,
+}
+
+/// Consecutive tiles of one row of tiles.
+#[derive(Clone, Debug)]
+pub struct TileRun {
+    /// Number of the row from the top.
+    pub row: usize,
+    /// Numbers of the tiles from the left.
+    pub columns: Range<usize>,
+}
+
 impl CpuRenderer {
-    /// Draws some rows of tiles of a view, and calls `visit` for every tile that textured splats touch, from left
-    /// to right. `rows` lists the numbers of the rows from the top, ascending, each with a value for `visit`.
-    /// `lattices` returns the lattice of a splat's texture.
-    pub fn visit_surfaces<T: Send>(
+    /// Lists the splats of a view; `None` for a view without pixels. `lattices` returns the lattice of a splat's
+    /// texture.
+    pub fn surfaces(
         &mut self,
         splats: SplatView<'_>,
         lattices: &(dyn Fn(usize) -> Option<Lattice> + Sync),
         camera: &Camera,
         options: &RenderOptions,
-        rows: impl Iterator<Item = (usize, T)>,
-        visit: impl Fn(&SurfaceTile<'_>, &mut T) + Sync,
-    ) {
+    ) -> Option<SurfaceView<'_>> {
         let view = CpuView::new(camera, options);
         if view.width == 0 || view.height == 0 {
-            return;
+            return None;
         }
         self.lists.prepare(splats, &view, Some(lattices));
         self.lists.bin(view.height);
         self.lists.sort();
-        let lists = &self.lists.rows;
         let inputs = RowInputs {
             records: &self.lists.records,
             intrinsics: camera.intrinsics,
@@ -152,12 +165,51 @@ impl CpuRenderer {
             textures: None,
             is_for_textures: true,
         };
-        let tasks = rows.map(|(row, value)| (lists.get(row).len(), (row, value)));
-        longest_first(tasks, &mut self.canvases, |(row, mut value), canvas: &mut RowCanvas| {
-            let (top, list) = (row * TILE, lists.get(row));
-            Isa::best().run(DrawRow { sheet: inputs, canvas: &mut *canvas, top, list });
+        Some(SurfaceView { lists: &self.lists, canvases: &mut self.canvases, inputs })
+    }
+}
+
+impl SurfaceView<'_> {
+    /// Returns the textured splats among about `n` visible splats that are evenly spaced in the list of splats.
+    pub fn sampled(&self, n: usize) -> Vec<u32> {
+        let visible = self.lists.visible_runs().flatten();
+        let some = visible.step_by(self.lists.n_visible() / n + 1);
+        let planes = some.map(|record| &self.inputs.records.planes[record as usize]);
+        planes.filter(|plane| plane.has_texture()).map(|plane| plane.splat).collect()
+    }
+
+    /// Draws some tiles, and calls `visit` for each of them that textured splats touch. Each run of tiles has a value
+    /// for `visit`, and its tiles are visited from left to right.
+    pub fn visit<T: Send>(
+        self,
+        runs: impl Iterator<Item = (TileRun, T)>,
+        visit: impl Fn(&SurfaceTile<'_>, &mut T) + Sync,
+    ) {
+        let Self { lists, canvases, inputs } = self;
+        let rows = &lists.rows;
+        let tasks = runs.map(|(run, value)| {
+            let work = rows.get(run.row).len() * run.columns.len();
+            (work, (run, value))
+        });
+        longest_first(tasks, canvases, |(run, mut value), canvas: &mut RowCanvas| {
+            let TileRun { row, columns } = run;
+            let (top, left) = (row * TILE, columns.start);
+            let records = &inputs.records.records;
+            let touches = |record: &&u32| {
+                !records[**record as usize].rect.columns_within(&columns).is_empty()
+            };
+            let list: Vec<u32> = rows.get(row).iter().filter(touches).copied().collect();
+            let canvas_of_run = &mut *canvas;
+            let columns = columns.clone();
+            Isa::best().run(DrawRow {
+                sheet: inputs,
+                canvas: canvas_of_run,
+                top,
+                columns,
+                list: &list,
+            });
             let planes = &inputs.records.planes;
-            for (column, tile) in canvas.tiles.iter().enumerate() {
+            for (column, tile) in (left..).zip(&canvas.tiles) {
                 let Some(owners) = tile.owners().filter(|owners| owners.has_any()) else {
                     continue;
                 };

@@ -177,9 +177,47 @@ pub const PARTS: usize = 32;
 const SAMPLED: usize = 1024;
 const CHUNK: usize = 2048;
 
+/// Partition of the components into ranges of consecutive ones, each for one thread.
+#[derive(Default)]
+pub struct ComponentParts {
+    firsts: Vec<usize>,
+    // Bytes, since the table has an entry for every component of the scene.
+    part_of: Vec<u8>,
+}
+
+impl ComponentParts {
+    /// Partitions components so that parts have similar numbers of `owners`. An owner beyond the last component is
+    /// ignored.
+    pub fn new(owners: &[u32], n_components: usize) -> Self {
+        let firsts = firsts(owners, n_components);
+        let mut part_of = vec![0u8; n_components];
+        for (part, &first) in (0..).zip(&firsts) {
+            part_of[first.min(n_components)..].fill(part);
+        }
+        Self { firsts, part_of }
+    }
+
+    /// Returns the part of a component, at most [`PARTS`]; `None` beyond the last component.
+    #[inline(always)]
+    pub fn part_of(&self, component: u32) -> Option<usize> {
+        self.part_of.get(component as usize).map(|&part| part as usize)
+    }
+
+    /// Returns the first component of every part, ascending, beginning with 0.
+    pub fn firsts(&self) -> &[usize] {
+        &self.firsts
+    }
+
+    /// Returns the number of components of every part.
+    pub fn sizes(&self) -> impl Iterator<Item = usize> {
+        let ends = self.firsts.iter().skip(1).copied().chain([self.part_of.len()]);
+        ends.zip(&self.firsts).map(|(end, first)| end - first)
+    }
+}
+
 /// A frame's points, partitioned by ranges of consecutive components.
 pub struct PointParts {
-    firsts: Vec<usize>,
+    components: ComponentParts,
     chunks: Vec<Chunk>,
 }
 
@@ -194,25 +232,20 @@ impl PointParts {
     /// Partitions points by their components, `owners`. A value beyond the last component means that the
     /// point has none.
     pub fn new(owners: &[u32], n_components: usize) -> Self {
-        let firsts = firsts(owners, n_components);
-        // Bytes, since the table has an entry for every component of the scene.
-        let mut part_of = vec![0u8; n_components];
-        for (part, &first) in (0..).zip(&firsts) {
-            part_of[first.min(n_components)..].fill(part);
-        }
+        let components = ComponentParts::new(owners, n_components);
         let chunks = owners.par_chunks(CHUNK).enumerate();
-        let chunks = chunks.map(|(i, owners)| Chunk::new((i * CHUNK) as u32, owners, &part_of));
-        Self { firsts, chunks: chunks.collect() }
+        let chunks = chunks.map(|(i, owners)| Chunk::new((i * CHUNK) as u32, owners, &components));
+        Self { chunks: chunks.collect(), components }
     }
 
     /// Returns the first component of every part, ascending, beginning with 0.
     pub fn firsts(&self) -> &[usize] {
-        &self.firsts
+        self.components.firsts()
     }
 
     /// Returns the points of the part that begins at component `first`, in ascending order.
     pub fn of(&self, first: usize) -> impl Iterator<Item = &[u32]> + Clone {
-        let part = self.firsts.partition_point(|&other| other < first);
+        let part = self.firsts().partition_point(|&other| other < first);
         self.chunks.iter().map(move |chunk| {
             let start = part.checked_sub(1).map_or(0, |before| chunk.ends[before]);
             &chunk.points[start..chunk.ends[part]]
@@ -221,9 +254,9 @@ impl PointParts {
 }
 
 impl Chunk {
-    fn new(first: u32, owners: &[u32], part_of: &[u8]) -> Self {
+    fn new(first: u32, owners: &[u32], components: &ComponentParts) -> Self {
         // Points without a component sort behind all parts.
-        let part = |owner: u32| part_of.get(owner as usize).map_or(PARTS, |&part| part as usize);
+        let part = |owner: u32| components.part_of(owner).unwrap_or(PARTS);
         // Counts are stored one index late: their prefix sums are the starts of the parts, which filling
         // turns into ends.
         let mut ends = [0; PARTS + 2];

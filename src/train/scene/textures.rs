@@ -1,7 +1,7 @@
 //! Textures of components, learned from photographs (`textures.md`).
 
 use crate::math::camera::{Camera, Intrinsics};
-use crate::math::image::Image;
+use crate::math::image::{Image, split_by_sizes};
 use crate::math::measured_pixel::{MASKED, MeasuredPixel};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::texels::{
@@ -13,8 +13,9 @@ use crate::model::splat::texture::{MAX_LEVEL, PATCH, Texture, Textures};
 use crate::observation::surface::Photograph;
 use crate::render::cpu::CpuRenderer;
 use crate::render::cpu::photometric::RowSubset;
-use crate::render::cpu::surfaces::{ShownSurface, SurfaceTile};
+use crate::render::cpu::surfaces::{ShownSurface, SurfaceTile, TileRun};
 use crate::render::{RenderMethod, RenderOptions, TILE};
+use crate::train::scene::accumulate::{ComponentParts, PARTS};
 use crate::train::scene::photometric::TrainingView;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -44,14 +45,20 @@ const MIN_COVERED: f32 = 0.5;
 const MIN_OPAQUE: f32 = 0.99;
 /// Value of a colour channel from which the sensor is saturated.
 const SATURATED: u8 = 252;
-/// Number of lists that the pixels of a row of tiles are divided into, by component.
-const PARTS: usize = 32;
+/// Number of visible splats by which components are divided into parts of similar work.
+const SAMPLED: usize = 1024;
+/// Number of runs of tiles per thread, so that threads finish at about the same time.
+const RUNS_PER_THREAD: usize = 2;
+/// Mark of a listed component without a texture.
+const LISTED: u32 = u32::MAX;
+/// Number of consecutive components per task that begins textures.
+const BEGUN_BY_TASK: usize = 256;
 
 /// Learner of textures: the state holds their sums, the learner what is derived from them.
 #[derive(Default)]
 pub(in crate::train::scene) struct TextureLearner {
     renderer: CpuRenderer,
-    /// What the rows of tiles of the latest photographs add; their memory is reused.
+    /// What the runs of tiles of the latest photographs add; their memory is reused.
     observed: Vec<Lists<Observed>>,
     products: Vec<Lists<Products>>,
     /// Texture as drawn of every component; empty where it has changed since it was last drawn.
@@ -108,12 +115,12 @@ impl TextureLearner {
         let photograph = reduced.as_ref().unwrap_or(taken.photograph);
         let taken = &Taken { photograph, camera, ..*taken };
         let shown = tile_rows(&camera.intrinsics, most_added, taken.frame);
-        let mut rows = std::mem::take(&mut self.observed);
-        self.visit(state, &camera, taken.near, shown, &mut rows, |tile, lists| {
-            list_observed(tile, taken, &state.textures, lists);
+        let mut runs = std::mem::take(&mut self.observed);
+        let parts = self.visit(state, &camera, taken.near, &shown, &mut runs, |tile, to| {
+            list_observed(tile, taken, &state.textures, to);
         });
-        self.change(&mut state.textures, &rows, |_| (), TextureSums::add);
-        self.observed = rows;
+        self.change(&mut state.textures, &parts, &runs, |_| (), TextureSums::add);
+        self.observed = runs;
         if state.coarsen_textures_to(budget) {
             self.forget_drawn();
         }
@@ -128,73 +135,93 @@ impl TextureLearner {
         photograph: &Image<MeasuredPixel>,
     ) {
         let shown = tile_rows(&view.camera.intrinsics, MOST_JUDGED, view.frame);
-        let mut rows = std::mem::take(&mut self.products);
-        self.visit(state, &view.camera, view.near, shown, &mut rows, |tile, lists| {
-            list_products(tile, view.rows, photograph, &state.textures, lists);
+        let mut runs = std::mem::take(&mut self.products);
+        let parts = self.visit(state, &view.camera, view.near, &shown, &mut runs, |tile, to| {
+            list_products(tile, view.rows, photograph, &state.textures, to);
         });
-        self.change(&mut state.textures, &rows, TextureSums::fade, TextureSums::add_products);
-        self.products = rows;
+        let (fade, add) = (TextureSums::fade, TextureSums::add_products);
+        self.change(&mut state.textures, &parts, &runs, fade, add);
+        self.products = runs;
     }
 
-    /// Draws the textured splats of a view and calls `list` for the tiles of the rows in `shown`.
+    /// Draws the textured splats of a view and calls `list` for the tiles of the rows in `shown`. Replaces `runs` by
+    /// the lists of each run of tiles, by parts of the components. Returns these parts.
     fn visit<T: Send>(
         &mut self,
         state: &PhotometricState,
         camera: &Camera,
         near: f64,
-        shown: Vec<usize>,
-        rows: &mut Vec<Lists<T>>,
-        list: impl Fn(&SurfaceTile<'_>, &mut Lists<T>) + Sync,
-    ) {
+        shown: &[usize],
+        runs: &mut Vec<Lists<T>>,
+        list: impl Fn(&SurfaceTile<'_>, &mut ListsByPart<'_, T>) + Sync,
+    ) -> ComponentParts {
+        runs.par_iter_mut().flatten().for_each(|list| {
+            // Views differ, so each list would retain the memory of the view that filled it most.
+            list.shrink_to(2 * list.len());
+            list.clear();
+        });
         let splats = SplatView::new(&state.splats, &state.appearance);
-        let Some(splats) = splats.filter(|_| state.has_textures()) else { return rows.clear() };
         let lattice = |splat: usize| Some(state.textures.get(splat)?.as_ref()?.lattice);
         let plain = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
         let options = RenderOptions { near, ..plain };
-        rows.resize_with(shown.len(), Lists::new);
-        for lists in rows.iter_mut() {
-            lists.resize_with(PARTS, Vec::new);
-            for list in lists {
-                // Views differ, so each list would retain the memory of the view that filled it most.
-                list.shrink_to(2 * list.len());
-                list.clear();
-            }
-        }
-        let visited = shown.into_iter().zip(rows);
-        self.renderer.visit_surfaces(splats, &lattice, camera, &options, visited, |tile, lists| {
-            list(tile, lists)
-        });
+        let splats = splats.filter(|_| state.has_textures());
+        let view =
+            splats.and_then(|splats| self.renderer.surfaces(splats, &lattice, camera, &options));
+        let Some(view) = view else { return ComponentParts::default() };
+        let parts = ComponentParts::new(&view.sampled(SAMPLED), state.textures.len());
+        let tiles = tile_runs(shown, camera.intrinsics.width as usize);
+        runs.resize_with(tiles.len(), || std::array::from_fn(|_| Vec::new()));
+        let runs = runs.iter_mut().map(|lists| ListsByPart { parts: &parts, lists });
+        view.visit(tiles.into_iter().zip(runs), list);
+        parts
     }
 
     /// Calls `begin` once for every texture that has listed items, and `change` for every item.
     fn change<T: Sync>(
         &mut self,
         textures: &mut [Option<Arc<TextureSums>>],
-        rows: &[Lists<T>],
+        parts: &ComponentParts,
+        runs: &[Lists<T>],
         begin: impl Fn(&mut TextureSums) + Sync,
         change: impl Fn(&mut TextureSums, &T) + Sync,
     ) {
-        let bits = part_bits(textures.len());
         self.drawn.resize_with(textures.len(), OnceLock::new);
-        let tasks = textures.par_chunks_mut(1 << bits).zip(self.drawn.par_chunks_mut(1 << bits));
-        tasks.enumerate().with_max_len(1).for_each(|(part, (textures, drawn))| {
-            // `Arc::make_mut` counts references atomically, which would take longer than adding an item.
-            let mut unchanged: Vec<_> = textures.iter_mut().map(Option::as_mut).collect();
-            let mut changed: Vec<Option<&mut TextureSums>> = Vec::new();
-            changed.resize_with(unchanged.len(), || None);
-            for (component, item) in rows.iter().flat_map(|row| &row[part]) {
-                let at = *component as usize - (part << bits);
-                if let Some(texture) = unchanged[at].take() {
-                    let texture = Arc::make_mut(texture);
+        let drawn = split_by_sizes(&mut self.drawn, parts.sizes());
+        let tasks = split_by_sizes(textures, parts.sizes()).into_par_iter().zip(drawn);
+        tasks.zip(parts.firsts()).enumerate().with_max_len(1).for_each(
+            |(part, ((mut rest, drawn), &first))| {
+                let items = || runs.iter().flat_map(|lists| &lists[part]);
+                // One more than the number of each listed component in `changed`, so that the memory of others, zeroed
+                // by the system, is not touched.
+                let (mut numbers, mut listed) = (vec![0u32; rest.len()], Vec::new());
+                for (component, _) in items() {
+                    let row = *component as usize - first;
+                    if std::mem::replace(&mut numbers[row], LISTED) == 0 {
+                        listed.push(row);
+                    }
+                }
+                listed.sort_unstable();
+                // `Arc::make_mut` counts references atomically, which would take longer than adding an item.
+                let mut changed = Vec::with_capacity(listed.len());
+                let mut begun = 0;
+                for row in listed {
+                    let skipped = row - std::mem::replace(&mut begun, row + 1);
+                    rest = rest.split_off_mut(skipped..).unwrap_or_default();
+                    let texture = rest.split_off_first_mut().and_then(Option::as_mut);
+                    let Some(texture) = texture.map(Arc::make_mut) else { continue };
                     begin(texture);
-                    drawn[at].take();
-                    changed[at] = Some(texture);
+                    drawn[row].take();
+                    changed.push(texture);
+                    numbers[row] = changed.len() as u32;
                 }
-                if let Some(texture) = &mut changed[at] {
-                    change(texture, item);
+                for (component, item) in items() {
+                    let number = numbers[*component as usize - first].wrapping_sub(1);
+                    if let Some(texture) = changed.get_mut(number as usize) {
+                        change(texture, item);
+                    }
                 }
-            }
-        });
+            },
+        );
     }
 
     /// Begins textures for changed splats that have none, lays lattices anew whose splat has moved, and refines
@@ -205,19 +232,19 @@ impl TextureLearner {
         self.drawn.resize_with(splats.len(), OnceLock::new);
         let reach = REACH * h;
         let per_depth = PITCH * f64::from(1u32 << (*texture_steps).min(16)) / camera.intrinsics.fx;
-        for &id in changed {
-            let (splat, texture) = (&splats[id as usize], &mut textures[id as usize]);
+        let begin = |id: usize, texture: &mut Option<Arc<TextureSums>>, drawn: &mut OnceLock<_>| {
+            let splat = &splats[id];
             if !splat.is_drawable() {
-                self.drawn[id as usize].take();
+                drawn.take();
                 *texture = None;
-                continue;
+                return;
             }
-            let Some(depth) = depth_of(splat, camera) else { continue };
+            let Some(depth) = depth_of(splat, camera) else { return };
             let level = (2.0 * reach / (depth * per_depth * PATCH as f64)).log2().floor();
             let level = level.clamp(0.0, MAX_LEVEL.into()) as u8;
             // Splats of few pixels show what the photograph shows.
             if level < MIN_LEVEL && texture.is_none() {
-                continue;
+                return;
             }
             let texture =
                 texture.get_or_insert_with(|| Arc::new(TextureSums::new(splat, reach as f32)));
@@ -228,9 +255,19 @@ impl TextureLearner {
                     texture.lay_anew(splat, reach as f32);
                 }
                 texture.refine(level);
-                self.drawn[id as usize].take();
+                drawn.take();
             }
-        }
+        };
+        let tasks = textures.par_chunks_mut(BEGUN_BY_TASK);
+        let tasks = tasks.zip(self.drawn.par_chunks_mut(BEGUN_BY_TASK)).enumerate();
+        tasks.for_each(|(task, (textures, drawn))| {
+            let first = task * BEGUN_BY_TASK;
+            let at = |end: usize| changed.partition_point(|&id| (id as usize) < end);
+            for &id in &changed[at(first)..at(first + textures.len())] {
+                let row = id as usize - first;
+                begin(id as usize, &mut textures[row], &mut drawn[row]);
+            }
+        });
     }
 
     /// Marks all textures as changed.
@@ -284,10 +321,11 @@ fn reduced(photograph: &Photograph, factor: usize) -> Photograph {
         let [x, y] = at(i).map(|v| v * factor + factor / 2);
         photograph.depths.data[y * width + x]
     };
+    let depths = (0..n).into_par_iter().with_min_len(1024).map(depth).collect();
     Photograph {
         intrinsics: reduced_intrinsics(&photograph.intrinsics, factor),
         colors: Image::from_vec(columns, rows, colors).into(),
-        depths: Image::from_vec(columns, rows, (0..n).map(depth).collect()),
+        depths: Image::from_vec(columns, rows, depths),
         // The other fields one by one: a clone would copy all depths.
         offset: photograph.offset,
         rotation: photograph.rotation,
@@ -323,12 +361,33 @@ fn depth_of(splat: &Splat, camera: &Camera) -> Option<f64> {
     (depth > 0.0).then_some(depth)
 }
 
-/// Items with their components, divided by component into [`PARTS`] lists.
-type Lists<T> = Vec<Vec<(u32, T)>>;
+/// Divides rows of tiles of a photograph into runs of tiles, if there are fewer rows than threads need.
+fn tile_runs(rows: &[usize], width: usize) -> Vec<TileRun> {
+    let n_columns = width.div_ceil(TILE);
+    let n_runs = (RUNS_PER_THREAD * rayon::current_num_threads()).div_ceil(rows.len().max(1));
+    let columns = n_columns.div_ceil(n_runs).max(1);
+    let run =
+        |row: usize, left: usize| TileRun { row, columns: left..(left + columns).min(n_columns) };
+    let runs_of = |&row: &usize| (0..n_columns).step_by(columns).map(move |left| run(row, left));
+    rows.iter().flat_map(runs_of).collect()
+}
 
-/// Returns the logarithm to base 2 of the number of components of a list, except that the last may have fewer.
-fn part_bits(n_components: usize) -> u32 {
-    n_components.div_ceil(PARTS).next_power_of_two().trailing_zeros()
+/// Items with their components, by parts of the components.
+type Lists<T> = [Vec<(u32, T)>; PARTS];
+
+/// Lists of a run of tiles.
+struct ListsByPart<'a, T> {
+    parts: &'a ComponentParts,
+    lists: &'a mut Lists<T>,
+}
+
+impl<T> ListsByPart<'_, T> {
+    #[inline(always)]
+    fn push(&mut self, component: u32, item: T) {
+        if let Some(part) = self.parts.part_of(component) {
+            self.lists[part].push((component, item));
+        }
+    }
 }
 
 /// Lists what a tile of the photograph adds to textures.
@@ -336,9 +395,8 @@ fn list_observed(
     tile: &SurfaceTile<'_>,
     taken: &Taken<'_>,
     textures: &[Option<Arc<TextureSums>>],
-    lists: &mut Lists<Observed>,
+    lists: &mut ListsByPart<'_, Observed>,
 ) {
-    let bits = part_bits(textures.len());
     let Image { width, height, .. } = *taken.photograph.colors;
     let [left, top] = tile.first;
     let columns = left..(left + TILE).min(width);
@@ -357,7 +415,7 @@ fn list_observed(
                     continue;
                 };
                 if let Some(observed) = observed(texture, &surface, color) {
-                    lists[surface.splat as usize >> bits].push((surface.splat, observed));
+                    lists.push(surface.splat, observed);
                 }
             }
         }
@@ -370,9 +428,8 @@ fn list_products(
     compared: RowSubset,
     photograph: &Image<MeasuredPixel>,
     textures: &[Option<Arc<TextureSums>>],
-    lists: &mut Lists<Products>,
+    lists: &mut ListsByPart<'_, Products>,
 ) {
-    let bits = part_bits(textures.len());
     let [left, top] = tile.first;
     let rows = top..(top + TILE).min(photograph.height);
     let columns = left..(left + TILE).min(photograph.width);
@@ -403,7 +460,7 @@ fn list_products(
                     let unit = surface.weight * PRODUCT_ONE;
                     *products = [(unit * cross) as i32, (unit * power) as i32];
                 }
-                lists[surface.splat as usize >> bits].push((surface.splat, products));
+                lists.push(surface.splat, products);
             }
         }
     }

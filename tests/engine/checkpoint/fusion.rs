@@ -113,8 +113,14 @@ fn a_shard_begins_with_the_settled_start() {
         let resumed = saved(&start.clone().resume(room(), &request, false).unwrap());
         scene(&resumed).photometric.as_ref().unwrap().buffered.len()
     };
-    // The run that was interrupted continues with its buffer, as if it had not been.
-    assert_eq!((waiting("1/2"), waiting("1/8")), (0, 4));
+    // The start is complete, so the same part of the frames is one of what it left.
+    assert_eq!((waiting("1/2"), waiting("1/8")), (0, 0));
+    // A run that was interrupted continues with its buffer, as if it had not been.
+    let mut session = Session::new(room(), asked(PhotometricMode::Light), shard("1/4")).unwrap();
+    (0..5).for_each(|_| drop(session.step().unwrap()));
+    let request = ResumeRequest { shard: "1/4".parse().ok(), ..ResumeRequest::default() };
+    let resumed = saved(&saved(&session).resume(room(), &request, false).unwrap());
+    assert_eq!(scene(&resumed).photometric.as_ref().unwrap().buffered.len(), 4);
     // Scenes that add nothing to their start leave it as it is, however many they are.
     let request = ResumeRequest { shard: "1/2".parse().ok(), ..ResumeRequest::default() };
     let settled = saved(&start.clone().resume(room(), &request, false).unwrap());
@@ -125,6 +131,27 @@ fn a_shard_begins_with_the_settled_start() {
     let pairs = splats(&fused).into_iter().zip(splats(state));
     let far = pairs.flat_map(|(a, b)| [0, 1, 2].map(|k| (a.color[k] - b.color[k]).abs()));
     assert!(far.fold(0.0f32, f32::max) < 1e-3);
+}
+
+#[test]
+fn the_first_shard_of_a_start_trains_on_frames_that_the_start_left() {
+    let asked = asked(PhotometricMode::Off);
+    let start = saved(&trained(&asked, shard("1/4")));
+    let visited = |k: usize| {
+        let request =
+            ResumeRequest { shard: format!("{k}/4").parse().ok(), ..ResumeRequest::default() };
+        let run = saved(&finished(start.clone().resume(room(), &request, false).unwrap()));
+        // Resumed by the same command, a complete shard has no frame left.
+        let again = run.clone().resume(room(), &request, false).unwrap();
+        assert_eq!(again.plan().frames.len(), run.content.cursor.visited.len());
+        run.content.cursor.visited[start.content.cursor.visited.len()..].to_vec()
+    };
+    let shards: Vec<Vec<u32>> = (1..=4).map(visited).collect();
+    let sizes = shards.iter().map(Vec::len);
+    assert!(sizes.clone().max().unwrap() - sizes.min().unwrap() <= 1, "{shards:?}");
+    let mut all = [start.content.cursor.visited.clone(), shards.concat()].concat();
+    all.sort_unstable();
+    assert_eq!(all, (0..FRAMES as u32).collect::<Vec<_>>());
 }
 
 /// Weight of all texels, in pixels.

@@ -214,7 +214,7 @@ impl Kernel for WalkRow<'_> {
         let mask = rows.mask() & ((1 << TILE.min(height - top)) - 1);
         canvas.batches.resize_with(list.len().div_ceil(BATCH), Batch::default);
         for (batch, list) in canvas.batches.iter_mut().zip(list.chunks(BATCH)) {
-            batch.fill(records, list, width.div_ceil(TILE));
+            batch.fill(records, list, &(0..width.div_ceil(TILE)));
         }
         for (index, left) in (0..width).step_by(TILE).enumerate() {
             // If the image shows an object against an empty background, most tiles are empty.
