@@ -36,7 +36,7 @@ install_tree() {
     install -Dm644 "$work/manual/vbgs-studio.bash" "$usr/share/bash-completion/completions/vbgs-studio"
     install -Dm644 "$work/manual/_vbgs-studio" "$usr/share/zsh/vendor-completions/_vbgs-studio"
     install -Dm644 "$work/manual/vbgs-studio.fish" "$usr/share/fish/vendor_completions.d/vbgs-studio.fish"
-    for file in README.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE; do
+    for file in README.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE assets/icons.LICENSE; do
         install -Dm644 "$file" "$usr/share/doc/vbgs-studio/$file"
     done
 }

@@ -6,7 +6,7 @@ name="vbgs-studio-$version-$target"
 manual
 mkdir -p "$work/$name/completions" "$work/$name/man"
 install -m755 "$BINARY" "$work/$name/vbgs-studio"
-install -m644 README.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE assets/vbgs-studio.desktop assets/icon.svg \
+install -m644 README.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE assets/icons.LICENSE assets/vbgs-studio.desktop assets/icon.svg \
     packaging/vbgs-studio.xml packaging/vbgs-studio.metainfo.xml "$work/$name"
 mv "$work"/manual/*.1 "$work/$name/man"
 mv "$work"/manual/* "$work/$name/completions"

@@ -148,9 +148,9 @@ commands! {
         [key(Key::H)], View 0, View Model;
     ToggleRenderer: ["Projected/exact"], "Switch between the projected and the exact renderer",
         [key(Key::Tab)], View 1, View Model;
-    PreviousCamera: ["‹", "Previous camera"], "Move to the previous camera of the dataset",
+    PreviousCamera: ["Previous camera"], "Move to the previous camera of the dataset",
         [key(Key::OpenBracket), key(Key::ArrowLeft)], View 0, View Dataset;
-    NextCamera: ["›", "Next camera"], "Move to the next camera of the dataset",
+    NextCamera: ["Next camera"], "Move to the next camera of the dataset",
         [key(Key::CloseBracket), key(Key::ArrowRight)], View 0, View Dataset;
     AutoCamera: ["Follow the camera"], "The view follows the frame being trained until you move it",
         [key(Key::V)], View 0, View Dataset;

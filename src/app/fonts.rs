@@ -1,4 +1,4 @@
-//! Fonts of the system, for letters that the fonts of the window lack.
+//! Fonts beside those of egui: icons of buttons, and fonts of the system for letters that the window's own lack.
 //!
 //! Egui asks once for each such letter while it lays out a text, such as the name of a file. A separate thread
 //! then searches the system's fonts; their files are never read before. Until a font is found, the letter is
@@ -8,7 +8,7 @@ use super::worker::Waker;
 use crate::pipeline::job::Job;
 use eframe::egui::{
     Context, FallbackRequest, FontData, FontFamily, FontInsert, FontPriority, FontProvider,
-    InsertFontFamily,
+    FontTweak, InsertFontFamily,
 };
 use fontdb::{Database, FaceInfo, Style, Weight};
 use skrifa::{FontRef, MetadataProvider};
@@ -22,6 +22,40 @@ const MAX_BYTES: usize = 64 << 20;
 const MAX_FONTS: usize = 8;
 /// Maximum number of letters that are looked for. Further ones stay boxes.
 const MAX_LETTERS: usize = 20_000;
+
+/// Icons of buttons, as characters of the font `assets/icons.ttf`. They are in a private plane, so that no other
+/// font of the window draws them.
+pub mod icon {
+    pub const OPEN: &str = "\u{F0000}";
+    pub const EXPORT: &str = "\u{F0001}";
+    pub const TRAIN: &str = "\u{F0002}";
+    pub const PAUSE: &str = "\u{F0003}";
+    pub const MORE: &str = "\u{F0004}";
+    pub const PREVIOUS: &str = "\u{F0005}";
+    pub const NEXT: &str = "\u{F0006}";
+    pub const RENDER: &str = "\u{F0007}";
+    pub const COMPARE: &str = "\u{F0008}";
+    pub const SHOW: &str = "\u{F0009}";
+    pub const FOLLOW: &str = "\u{F000A}";
+}
+
+/// Adds the icons to the fonts of `context`.
+pub fn add_icons(context: &Context) {
+    // Icons are centred on the line of text, not on its base line.
+    let tweak = FontTweak { y_offset_factor: 0.07, ..FontTweak::default() };
+    context.add_font(FontInsert {
+        name: "icons".to_owned(),
+        data: FontData::from_static(ICONS).tweak(tweak),
+        families: [FontFamily::Proportional].map(fallback).into(),
+    });
+}
+
+const ICONS: &[u8] = include_bytes!("../../assets/icons.ttf");
+
+/// Places a font after all others of a family.
+fn fallback(family: FontFamily) -> InsertFontFamily {
+    InsertFontFamily { family, priority: FontPriority::Lowest }
+}
 
 #[derive(Default)]
 pub struct SystemFonts {
@@ -148,18 +182,29 @@ fn covered(data: &[u8], index: u32, letters: &BTreeSet<char>) -> BTreeSet<char> 
 }
 
 fn insert(face: &FaceInfo, data: &[u8], index: u32) -> FontInsert {
-    let of = |family| InsertFontFamily { family, priority: FontPriority::Lowest };
     FontInsert {
         // The number, because two files may hold fonts of one name.
         name: format!("{} ({:?})", face.post_script_name, face.id),
         data: FontData::from_blob(Arc::new(data.to_vec()), index),
-        families: [FontFamily::Proportional, FontFamily::Monospace].map(of).into(),
+        families: [FontFamily::Proportional, FontFamily::Monospace].map(fallback).into(),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_icon_has_an_outline_and_the_font_is_small() {
+        use icon::{
+            COMPARE, EXPORT, FOLLOW, MORE, NEXT, OPEN, PAUSE, PREVIOUS, RENDER, SHOW, TRAIN,
+        };
+        let icons =
+            [COMPARE, EXPORT, FOLLOW, MORE, NEXT, OPEN, PAUSE, PREVIOUS, RENDER, SHOW, TRAIN];
+        let icons: BTreeSet<char> = icons.iter().flat_map(|icon| icon.chars()).collect();
+        assert_eq!((covered(ICONS, 0, &icons), icons.len()), (icons.clone(), 11));
+        assert!(ICONS.len() < 4096, "{} bytes", ICONS.len());
+    }
 
     #[test]
     fn letters_that_no_font_has_are_named_once() {

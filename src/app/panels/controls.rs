@@ -1,6 +1,7 @@
 //! Controls shared by the panels: buttons of commands, choices, numbers, and headings.
 
 use crate::app::command::UiCommand;
+use crate::app::fonts::icon;
 use eframe::egui::emath::Numeric;
 use eframe::egui::{
     Button, Color32, DragValue, Label, Response, RichText, Role, Sense, Ui, Vec2, WidgetInfo,
@@ -31,8 +32,17 @@ pub const SLIDER: f32 = 200.0;
 /// Draws the button of a command. If `why_not` contains a reason, the button is disabled. Returns true if
 /// it is clicked.
 pub fn command_button(command: UiCommand, is_on: bool, why_not: Option<&str>, ui: &mut Ui) -> bool {
-    let button = Button::new(command.label()).selected(is_on);
-    button_or_reason(button, &command.hint(ui.ctx()), why_not, ui)
+    let icon = match command {
+        UiCommand::Train => Some(icon::TRAIN),
+        UiCommand::Pause => Some(icon::PAUSE),
+        _ => None,
+    };
+    let button = match icon {
+        Some(icon) => Button::new((icon, command.label())),
+        None => Button::new(command.label()),
+    };
+    let button = add_button(button.selected(is_on), &command.hint(ui.ctx()), why_not, ui);
+    named(button, command.label()).clicked()
 }
 
 /// Draws an entry of a menu, which closes the menu. If `why_not` contains a reason, the entry is disabled.
@@ -66,8 +76,12 @@ pub fn button_or_reason(
     why_not: Option<&str>,
     ui: &mut Ui,
 ) -> bool {
+    add_button(button, tooltip, why_not, ui).clicked()
+}
+
+fn add_button(button: Button<'_>, tooltip: &str, why_not: Option<&str>, ui: &mut Ui) -> Response {
     let button = ui.add_enabled(why_not.is_none(), button).on_hover_text(tooltip);
-    button.on_disabled_hover_text(why_not.unwrap_or_default()).clicked()
+    button.on_disabled_hover_text(why_not.unwrap_or_default())
 }
 
 /// Draws one button for each choice (value, label and tooltip). Returns true if one is clicked.

@@ -3,8 +3,10 @@
 //!
 //! Only visible frames are laid out and decoded, so the cost does not depend on the length of the dataset.
 
+use super::controls::named;
 use super::signal_color::SignalColor;
 use crate::app::command::UiCommand;
+use crate::app::fonts::icon;
 use crate::app::frame_outcomes::{FrameOutcomes, FrameState};
 use crate::app::quality::QualityMonitor;
 use crate::app::state::{Opened, RunState, Snapshot};
@@ -56,19 +58,23 @@ pub fn header(context: &StripContext<'_>, ui: &mut Ui) -> Option<StripAnswer> {
     let StripContext { snapshot, opened, .. } = context;
     let mut asked = None;
     ui.horizontal(|ui| {
-        let mut step = |command: UiCommand, direction, ui: &mut Ui| {
-            let button = ui.add(Button::new(command.label()).small());
-            if button.on_hover_text(command.hint(ui.ctx())).clicked() {
-                asked = Some(StripAnswer::Step(direction));
+        let text = |text: String| Label::new(RichText::new(text).size(SIZE)).extend();
+        match context.shown {
+            None => drop(ui.add(text("Free camera".to_owned()))),
+            // A free camera has no neighbours: a click on a frame leads to one that has.
+            Some(frame) => {
+                let mut step = |icon, command: UiCommand, direction, ui: &mut Ui| {
+                    let button = named(ui.add(Button::new(icon).small()), command.label());
+                    if button.on_hover_text(command.hint(ui.ctx())).clicked() {
+                        asked = Some(StripAnswer::Step(direction));
+                    }
+                };
+                step(icon::PREVIOUS, UiCommand::PreviousCamera, Direction::Back, ui);
+                let (number, all) = (frame.number() + 1, frame.n_frames());
+                ui.add(text(format!("Camera {number} of {all}")));
+                step(icon::NEXT, UiCommand::NextCamera, Direction::Forth, ui);
             }
-        };
-        step(UiCommand::PreviousCamera, Direction::Back, ui);
-        let camera = match context.shown {
-            Some(frame) => format!("Camera {} of {}", frame.number() + 1, frame.n_frames()),
-            None => "Free camera".to_owned(),
-        };
-        ui.add(Label::new(RichText::new(camera).size(SIZE)).extend());
-        step(UiCommand::NextCamera, Direction::Forth, ui);
+        }
         if let Some(earlier) = context.earlier {
             let text = SignalColor::Yellow.text(format!("Scene after frame {earlier}"), ui);
             ui.add(Label::new(text.size(SIZE)).extend());

@@ -3,12 +3,17 @@
 use super::controls::{entry_with_keys, named};
 use crate::app::action_finder::Action;
 use crate::app::command::{Menu, UiCommand};
+use crate::app::fonts::icon;
 use eframe::egui::Ui;
 use std::path::PathBuf;
 
-/// Menus at the left of the bar.
-const MENUS: [(Menu, &str); 4] =
-    [(Menu::Open, "Open"), (Menu::Export, "Export"), (Menu::View, "View"), (Menu::Help, "Help")];
+/// Menus at the left of the bar, with the icons of the most used ones.
+const MENUS: [(Menu, Option<&str>, &str); 4] = [
+    (Menu::Open, Some(icon::OPEN), "Open"),
+    (Menu::Export, Some(icon::EXPORT), "Export"),
+    (Menu::View, None, "View"),
+    (Menu::Help, None, "Help"),
+];
 
 pub struct MenuContext<'a> {
     pub recent: &'a [PathBuf],
@@ -28,8 +33,13 @@ pub enum BarAnswer {
 
 pub fn ui(context: &MenuContext<'_>, ui: &mut Ui) -> Option<BarAnswer> {
     let mut asked = None;
-    for (menu, label) in MENUS {
-        let shown = ui.menu_button(label, |ui| entries(menu, context, ui));
+    for (menu, icon, label) in MENUS {
+        let contents = |ui: &mut Ui| entries(menu, context, ui);
+        let shown = match icon {
+            Some(icon) => ui.menu_button((icon, label), contents),
+            None => ui.menu_button(label, contents),
+        };
+        named(shown.response, label);
         asked = shown.inner.flatten().or(asked.take());
     }
     asked
@@ -37,7 +47,7 @@ pub fn ui(context: &MenuContext<'_>, ui: &mut Ui) -> Option<BarAnswer> {
 
 /// Draws the button that opens the menu beside the training button.
 pub fn training(context: &MenuContext<'_>, ui: &mut Ui) -> Option<BarAnswer> {
-    let shown = ui.menu_button("⏷", |ui| entries(Menu::Train, context, ui));
+    let shown = ui.menu_button(icon::MORE, |ui| entries(Menu::Train, context, ui));
     named(shown.response, "Training menu").on_hover_text("One frame, start over, command line");
     shown.inner.flatten()
 }

@@ -10,7 +10,7 @@ mod shell;
 mod side_panel;
 
 use super::drawing::{Painting, PassTimes, WindowWaker};
-use super::fonts::SystemFonts;
+use super::fonts::{SystemFonts, add_icons};
 use super::layout::{SideTab, WindowLayout};
 use super::opening::FileProposal;
 use super::panels::menus::{BarAnswer, MenuContext};
@@ -107,6 +107,7 @@ impl Studio {
             .chain(problems.into_iter().map(warn))
             .for_each(|order| worker.send(order));
         strengthen_text(&context.egui_ctx);
+        add_icons(&context.egui_ctx);
         let fonts = SystemFonts::default();
         fonts.watch(&context.egui_ctx);
         let waker = WindowWaker::of(&context.egui_ctx);

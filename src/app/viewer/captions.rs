@@ -4,6 +4,7 @@ use super::photo::{ComparedPicture, Partner, PhotoResult, PictureRequest};
 use super::toolbar::ViewMode;
 use super::{SceneView, measure};
 use crate::app::command::UiCommand;
+use crate::app::fonts::icon;
 use crate::app::panels::controls::named;
 use crate::render::Renderer;
 use crate::render::compare::Combination;
@@ -113,7 +114,7 @@ impl SceneView {
     pub(super) fn guide_button(&mut self, ui: &mut Ui, rect: Rect) {
         let command = UiCommand::AutoCamera;
         let place = Rect::from_center_size(rect.right_top() + GUIDE, GUIDE_SIZE);
-        let button = ui.put(place, Button::new("🎥").selected(self.camera.is_guided()));
+        let button = ui.put(place, Button::new(icon::FOLLOW).selected(self.camera.is_guided()));
         let hint = format!("{}: {}", command.label(), command.hint(ui.ctx()));
         if named(button, command.label()).on_hover_text(hint).clicked() {
             self.camera.toggle_guide();

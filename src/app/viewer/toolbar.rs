@@ -5,6 +5,7 @@ use super::comparison::ComparedModel;
 use super::settings::{FISHEYE_FOV_DEG, GAINS, PINHOLE_FOV_DEG, ViewSettings};
 use crate::app::color_mode::ColorMode;
 use crate::app::command::{UiCommand, labelled};
+use crate::app::fonts::icon;
 use crate::app::panels::controls::{choices, entry, entry_with_keys, named};
 use crate::app::state::{Opened, Snapshot};
 use crate::render::{Lens, Renderer};
@@ -26,7 +27,8 @@ pub fn ui(
             Lens::Pinhole => renderer_label(renderer).to_owned(),
             Lens::Fisheye => format!("{}, fisheye", renderer_label(renderer)),
         };
-        menu(&format!("Render: {drawn}"), "Renderer, lens and field of view", ui, |ui| {
+        let label = format!("Render: {drawn}");
+        menu([icon::RENDER, &label], "Renderer, lens and field of view", ui, |ui| {
             render_choices(view, ui);
         });
         let mode = view.comparison.mode();
@@ -34,7 +36,7 @@ pub fn ui(
             ViewMode::Single => "Compare".to_owned(),
             mode => format!("Compare: {}", mode.label()),
         };
-        menu(&label, "Photograph, renderers, or a second model", ui, |ui| {
+        menu([icon::COMPARE, &label], "Photograph, renderers, or a second model", ui, |ui| {
             asked = modes(view, opened, ui);
         });
         if mode.is_difference() {
@@ -50,7 +52,8 @@ pub fn ui(
             ColorMode::Color => "Show".to_owned(),
             mode => format!("Show: {}", mode.label()),
         };
-        menu(&label, "Cameras, points, grid, distances, and what colours mean", ui, |ui| {
+        let tooltip = "Cameras, points, grid, distances, and what colours mean";
+        menu([icon::SHOW, &label], tooltip, ui, |ui| {
             asked = shown(view, snapshot, opened, ui).or(asked.take());
         });
     });
@@ -58,10 +61,10 @@ pub fn ui(
 }
 
 /// Draws a button that opens a menu. A click outside closes the menu, so that its sliders can be dragged.
-fn menu(label: &str, tooltip: &str, ui: &mut Ui, contents: impl FnOnce(&mut Ui)) {
+fn menu([icon, label]: [&str; 2], tooltip: &str, ui: &mut Ui, contents: impl FnOnce(&mut Ui)) {
     let config = MenuConfig::new().close_behavior(PopupCloseBehavior::CloseOnClickOutside);
-    let (button, _) = MenuButton::new(label).config(config).ui(ui, contents);
-    button.on_hover_text(tooltip);
+    let (button, _) = MenuButton::new((icon, label)).config(config).ui(ui, contents);
+    named(button, label).on_hover_text(tooltip);
 }
 
 fn renderer_label(renderer: Renderer) -> &'static str {
