@@ -1,6 +1,8 @@
 //! `export`: converts a model to another format.
 
-use super::args::{ExportArgs, FormatName, KindName, MergeArgs};
+use super::args::{
+    ExportArgs, FormatName, KindName, MergeArgs, RegisterArgs, parse_length, parse_point,
+};
 use super::failure::Failure;
 use super::interrupt::Interrupt;
 use super::model::{Model, Training};
@@ -11,6 +13,9 @@ use vbgs_studio::export::atomic::remove_leftovers;
 use vbgs_studio::export::checkpoint::StoredModel;
 use vbgs_studio::export::local_origin::OriginCarrier;
 use vbgs_studio::export::mesh::{MeshFormat, Surfel, write_mesh};
+use vbgs_studio::export::registration::{
+    References, Registration, Residuals, read_pairs, shift_and_origin,
+};
 use vbgs_studio::export::{
     Axes, ExportError, Fault, ModelFormat, SpzVersion, WriteOptions, WriteProgress, WriteSelection,
     checkpoint, local_origin, mapping, write,
@@ -37,7 +42,7 @@ fn splats(args: &ExportArgs) -> Result<(), Failure> {
         let options = options(args, format, &model, training.as_ref(), progress);
         write(&args.output, &model.splats, &options)
     })?;
-    warn_of_origin(&args.output, model.local_origin, format.origin_carrier());
+    warn_of_origin(&args.output, origin(&model), format.origin_carrier());
     out!(
         "wrote {} splats, {} bytes, to {}",
         summary.n_written,
@@ -83,7 +88,7 @@ fn mesh(args: &ExportArgs) -> Result<(), Failure> {
             training.surfels.iter().filter_map(|(i, surfel)| asked(*i, surfel)).collect();
         write_mesh(&args.output, &surfels, cell, format, &options)
     })?;
-    warn_of_origin(&args.output, model.local_origin, format.origin_carrier());
+    warn_of_origin(&args.output, origin(&model), format.origin_carrier());
     out!(
         "wrote {} vertices and {} triangles, {} bytes, to {}",
         summary.n_vertices,
@@ -133,6 +138,7 @@ fn options<'a>(
         up: args.up.or(model.up).unwrap_or(DVec3::Z),
         local_origin: model.local_origin,
         metric: model.is_metric,
+        registration: model.registration.as_ref(),
         unit_scale: args.unit_scale,
         confidence: training.map(|t| &t.evidence[..]),
         selection: WriteSelection {
@@ -153,6 +159,11 @@ pub fn warn_of_origin(path: &Path, origin: DVec3, carrier: OriginCarrier) {
     if let Some(warning) = local_origin::warning(origin, carrier) {
         note!("warning: {}: {warning}", path.display());
     }
+}
+
+/// Local origin of an exported model, in the coordinates of its registration.
+fn origin(model: &Model) -> DVec3 {
+    shift_and_origin(model.registration.as_ref(), model.local_origin)[1]
 }
 
 fn format(args: &ExportArgs) -> Result<ModelFormat, Failure> {
@@ -225,6 +236,87 @@ fn note_assumptions(args: &ExportArgs, is_turned: bool, model: &Model) {
     if is_turned && args.up.is_none() && model.up.is_none() {
         note!("note: {path}: the file has no up direction; z is assumed, use --up to change it");
     }
+}
+
+/// Sets or removes the registration of a checkpoint.
+pub fn run_register(args: &RegisterArgs) -> Result<(), Failure> {
+    let RegisterArgs { model, output, scale_by, up_by, to, system, clear } = args;
+    if !clear && scale_by.is_none() && up_by.is_none() && to.is_none() {
+        return Err(usage!(
+            "register: expected --scale-by, --up-by, --to or --clear, found none of them"
+        ));
+    }
+    let length = scale_by.as_deref().map(length).transpose()?;
+    let references = References {
+        length: length.map(|(ends, length, _)| (ends, length)),
+        floor: up_by.as_deref().and_then(|points| points.try_into().ok()),
+        pairs: to.as_deref().map(read_pairs).transpose()?.unwrap_or_default(),
+    };
+    let mut run = SavedRun::read(model)?;
+    let registration = match clear {
+        true => None,
+        false => {
+            // Without a length the unit is that of the world, unless the scale is fitted.
+            let same_unit = run.is_metric() && references.pairs.len() < 2;
+            let registration = Registration::of(&references, run.up());
+            Some(Registration {
+                system: system.clone(),
+                is_metric: length.map_or(same_unit, |(.., is_metric)| is_metric),
+                ..registration.map_err(|fault| failed!("{}: {fault}", model.display()))?
+            })
+        }
+    };
+    if let Some(Err(found)) = registration.as_ref().map(Registration::check) {
+        return Err(usage!("--system: expected at most 200 ASCII characters, found {found}"));
+    }
+    run.register(registration.clone())?;
+    let output = output.as_ref().unwrap_or(model);
+    checkpoint::write_keeping_old(output, run.content)?;
+    match registration {
+        None => out!("wrote {}: without a registration", output.display()),
+        Some(registration) => {
+            out!("wrote {}: {registration}", output.display());
+            print_residuals(&registration, &references);
+        }
+    }
+    Ok(())
+}
+
+/// Ratio of deviations to the extent of control points above which axes or units are probably mistaken.
+const DOUBTFUL: f64 = 0.02;
+
+fn print_residuals(registration: &Registration, references: &References) {
+    let pairs = &references.pairs;
+    let Some(residuals) = registration.residuals(pairs).filter(|_| pairs.len() > 2) else { return };
+    let Residuals { rms, largest, worst, spread } = residuals;
+    out!(
+        "  {} control points deviate by {rms:.4} RMS, at most {largest:.4} (number {})",
+        pairs.len(),
+        worst + 1
+    );
+    if rms > DOUBTFUL * spread {
+        note!(
+            "warning: control points deviate by more than {:.0} % of their extent; check their order, units, and that axes are east, north and height",
+            100.0 * DOUBTFUL
+        );
+    }
+}
+
+/// Parses two points and their distance, which is in metres if the third value is true.
+fn length(values: &[String]) -> Result<([DVec3; 2], f64, bool), Failure> {
+    let found = match values {
+        [a, b, length] => {
+            let ends = parse_point(a).ok().zip(parse_point(b).ok());
+            ends.zip(parse_length(length)).map(|((a, b), (length, unit))| ([a, b], length, unit))
+        }
+        _ => None,
+    };
+    found.ok_or_else(|| {
+        usage!(
+            "--scale-by: expected X,Y,Z X,Y,Z LENGTH with a length above 0, such as 0,0,0 1,0,0 1.25m, found {}",
+            values.join(" ")
+        )
+    })
 }
 
 pub fn run_merge(args: &MergeArgs) -> Result<(), Failure> {

@@ -20,6 +20,7 @@ use vbgs_studio::dataset::wild_poses::outlier_poses;
 use vbgs_studio::dataset::{Dataset, FrameEntry, LoadOptions};
 use vbgs_studio::eval::trajectory_error::TrajectoryError;
 use vbgs_studio::export::checkpoint::{StoredModel, is_checkpoint};
+use vbgs_studio::export::registration::Registration;
 use vbgs_studio::export::{Imported, ModelKind};
 use vbgs_studio::math::camera::Intrinsics;
 use vbgs_studio::pipeline::checkpoint::SavedRun;
@@ -363,6 +364,8 @@ struct CheckpointInfo {
     bytes_per_component: f64,
     dataset: Option<PathBuf>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    registration: Option<Registration>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     tracking: Option<TrackingInfo>,
     config: RunConfig,
     defects: Vec<String>,
@@ -434,6 +437,7 @@ fn describe_checkpoint(args: &InfoArgs) -> Result<(), Failure> {
         bytes,
         bytes_per_component: bytes as f64 / components.max(1) as f64,
         dataset: meta.dataset,
+        registration: meta.registration,
         tracking,
         config,
         defects,
@@ -487,6 +491,9 @@ fn print_checkpoint(info: &CheckpointInfo) -> Result<(), Failure> {
     // Only the demo has no folder.
     let dataset = info.dataset.as_ref().map_or("built in".into(), |path| path.to_string_lossy());
     out!("  dataset: {dataset}");
+    if let Some(registration) = &info.registration {
+        out!("  registered: {registration}");
+    }
     if let Some(TrackingInfo { summary, trajectory, .. }) = &info.tracking {
         out!("  {summary}");
         let lost = trajectory.skipped();

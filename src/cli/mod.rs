@@ -24,7 +24,6 @@ macro_rules! failed {
 mod args;
 #[cfg(feature = "bench")]
 mod bench;
-mod demo;
 mod eval;
 mod export;
 mod failure;
@@ -76,6 +75,7 @@ fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
         Some(Command::Export(args)) => export::run(&args),
         Some(Command::Synth(args)) => synth::run(&args),
         Some(Command::Merge(args)) => export::run_merge(&args),
+        Some(Command::Register(args)) => export::run_register(&args),
         Some(Command::Info(args)) => info::run(&args),
         Some(Command::Calibrate(args)) => info::run_calibrate(&args),
         Some(Command::Manual(args)) => args::write_manual(&args)
@@ -96,7 +96,7 @@ fn open_window(arguments: Arguments, started: Instant) -> Result<(), Failure> {
 #[cfg(not(feature = "gui"))]
 fn open_window(arguments: Arguments, _: Instant) -> Result<(), Failure> {
     match arguments.path {
-        None => demo::run("this build has no window"),
+        None => train::run_demo("this build has no window"),
         Some(path) => Err(usage!(
             "{}: this build has no window; use `train`, `eval`, `render`, `export` or `info`",
             path.display()

@@ -12,6 +12,7 @@ use vbgs_studio::export;
 use vbgs_studio::export::checkpoint::is_checkpoint;
 use vbgs_studio::export::local_origin;
 use vbgs_studio::export::mesh::Surfel;
+use vbgs_studio::export::registration::Registration;
 use vbgs_studio::model::attributes::ComponentAttributes;
 use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::pipeline::any_preset::{PlacedLearner, file_comments};
@@ -27,6 +28,8 @@ pub struct Model {
     /// Position of the model's local origin in the dataset's world, world units.
     pub local_origin: DVec3,
     pub is_metric: bool,
+    /// Registration of the world, which exports apply.
+    pub registration: Option<Registration>,
     pub method: Option<Method>,
     pub trajectory: Option<Trajectory>,
     /// Comments written by this program about the conversion to splats.
@@ -178,6 +181,7 @@ fn of_run(run: SavedRun, splats: SplatSet) -> Result<Model, Failure> {
         defined_up: None,
         local_origin,
         is_metric,
+        registration: meta.registration,
         method: Some(config.method),
         trajectory,
         comments,
@@ -208,6 +212,7 @@ fn of_file(path: &Path) -> Result<Model, Failure> {
         defined_up: model.defined_up,
         local_origin: model.local_origin,
         is_metric: false,
+        registration: None,
         method: None,
         trajectory: None,
         comments,

@@ -1,4 +1,4 @@
-//! `train`: trains headless and writes files at the end.
+//! `train`: trains headless and writes files at the end. Machines without a display train the demo.
 //!
 //! Files of an earlier run remain until this run has trained a frame. Each then remains until its
 //! replacement is complete. The report is written before quality is measured, because measuring may take
@@ -12,7 +12,7 @@ use super::interrupt::Interrupt;
 use super::quality::{RunQuality, is_measured, measure_run, photo_pixels};
 use super::{failure, output, tracked};
 use indicatif::ProgressBar;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use vbgs_studio::dataset;
@@ -23,6 +23,7 @@ use vbgs_studio::dataset::{Dataset, LoadOptions};
 use vbgs_studio::eval::choices::SEEN_AFTER;
 use vbgs_studio::eval::report::{Report, with_evaluation};
 use vbgs_studio::export::atomic::remove_leftovers;
+use vbgs_studio::export::video::write_png;
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::pipeline::any_preset::file_comments;
@@ -33,9 +34,12 @@ use vbgs_studio::pipeline::error::SessionError;
 use vbgs_studio::pipeline::follow::Follow;
 use vbgs_studio::pipeline::memory;
 use vbgs_studio::pipeline::plan::Selection;
-use vbgs_studio::pipeline::session::{Session, Step};
+use vbgs_studio::pipeline::session::{Session, Step, demo_session};
 use vbgs_studio::pipeline::settings::method::MethodRequest;
+use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::pipeline::tracked::Trajectory;
+use vbgs_studio::render::cpu::CpuRenderer;
+use vbgs_studio::render::{RenderMethod, RenderOptions};
 use vbgs_studio::train::learner::DeviceUse;
 
 /// Trains and writes the output files, also after an interrupt.
@@ -581,4 +585,41 @@ impl ReportedProblem {
         // Never without a pause, however late the next poll is.
         interrupt.wait_for_request(follow.time_to_next_scan().max(Duration::from_millis(1)));
     }
+}
+
+/// Folder of the headless demo.
+const DEMO: &str = "vbgs-demo";
+
+/// Trains the built-in demo and writes its model, report and a preview image. `reason` states why there
+/// is no window.
+pub fn run_demo(reason: &str) -> Result<(), Failure> {
+    out!("{reason}: training the demo headless into {DEMO}/");
+    let interrupt = Interrupt::listen()?;
+    let mut session = demo_session(SceneOverrides::default())?;
+    // Ctrl-C ends training but not the command: the files are written in any case.
+    let finished = train(&mut session, &interrupt, |_, _| ())?;
+    let out = Path::new(DEMO);
+    output::create_folder(out)?;
+    let splats = session.splats();
+    let comments = file_comments(&session.config().method, session.learner().status().frames);
+    for format in [ModelFormat::Ply, ModelFormat::Glb] {
+        let options = WriteOptions {
+            comments: &comments,
+            up: session.up(),
+            // The room's unit is the metre; files of unknown scale are written without a unit.
+            metric: true,
+            ..WriteOptions::new(format)
+        };
+        write(&out.join("scene").with_extension(format.extension()), &splats, &options)?;
+    }
+    let camera = session.dataset().splits[session.plan().split].frames[0].camera;
+    let preview = CpuRenderer::new().render(
+        &splats,
+        &camera,
+        &RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]),
+    );
+    write_png(&out.join("preview.png"), &preview.color)?;
+    output::write_json(&out.join("report.json"), &session.report(None, Vec::new()))?;
+    out!("wrote scene.ply, scene.glb, report.json and preview.png to {DEMO}/");
+    if finished { Ok(()) } else { Err(Failure::Interrupted) }
 }

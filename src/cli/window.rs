@@ -1,8 +1,8 @@
 //! Opens the window; without one, falls back to headless training.
 
-use super::demo;
 use super::failure::Failure;
 use super::interrupt::Interrupt;
+use super::train;
 use std::path::PathBuf;
 use std::time::Instant;
 use vbgs_studio::app;
@@ -44,7 +44,7 @@ fn end(ended: Result<(), WindowError>, path: Option<PathBuf>) -> Result<(), Fail
         (Err(error @ (WindowError::Crashed(_) | WindowError::Gone(..))), _) => {
             Err(Failure::failed(error))
         }
-        (Err(error), None) => demo::run(&error.to_string()),
+        (Err(error), None) => train::run_demo(&error.to_string()),
         (Err(error), Some(path)) => Err(failed!(
             "{}: {error}, so it cannot be opened in a window; use `train`, `eval`, `render`, `export` or `info`",
             path.display()

@@ -5,12 +5,15 @@ use super::error::{DatasetError, FrameProblem};
 use super::folder::{MAX_IMAGE_BYTES, RetryingFile, starts_with, text_of};
 use super::lengths::MAX_FACTOR;
 use super::video::ExtractionFolder;
+use crate::math::foreign;
+use crate::math::foreign::CountedHeaders;
+use serde::Deserialize;
+use serde::de::IgnoredAny;
 use std::borrow::Cow;
 use std::fs::File;
-use std::io::{BufReader, Error, Read, Result as IoResult, Seek, SeekFrom};
+use std::io::{BufReader, Read, Seek};
 use std::path::{Component, Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 use zip::ZipArchive;
 use zip::result::ZipError;
 
@@ -62,48 +65,11 @@ impl Archive {
 
 /// Largest number of members of an archive, which take 700 bytes of memory each: 43,000 frames of three files.
 pub(super) const MAX_MEMBERS: u64 = 1 << 17;
-/// First bytes of a member's header in the directory of an archive.
-const HEADER: [u8; 4] = *b"PK\x01\x02";
 
-/// Opens an archive, unless its directory, or what is tried as such, has more members than [`MAX_MEMBERS`].
+/// Opens an archive, unless its directory has more members than [`MAX_MEMBERS`].
 pub(super) fn open_zip<R: Read + Seek>(source: R) -> Result<Zip<R>, FrameProblem> {
-    let left = Arc::new(AtomicU64::new(MAX_MEMBERS + 1));
-    let zip = ZipArchive::new(CountedHeaders { source, left: left.clone() });
-    // Members may hold archives, whose headers do not count.
-    match left.swap(u64::MAX, Ordering::Relaxed) {
-        0 => Err(FrameProblem::ArchiveMembers),
-        _ => zip.map_err(archive_error),
-    }
-}
-
-/// Source of an archive that fails once more headers of members than a limit were read. Counts in records at
-/// the end do not bound them: an archive may hold several such records, and at any place.
-#[derive(Debug)]
-pub(super) struct CountedHeaders<R> {
-    source: R,
-    /// Number of headers that may still be read; 0 after too many.
-    left: Arc<AtomicU64>,
-}
-
-impl<R: Read> Read for CountedHeaders<R> {
-    fn read(&mut self, bytes: &mut [u8]) -> IoResult<usize> {
-        let n = self.source.read(bytes)?;
-        // Each header is read by a call of its own.
-        if bytes.get(..n).is_some_and(|read| read.starts_with(&HEADER)) {
-            let left = self.left.load(Ordering::Relaxed).saturating_sub(1);
-            self.left.store(left, Ordering::Relaxed);
-            if left == 0 {
-                return Err(Error::other(format!("more than {MAX_MEMBERS} members")));
-            }
-        }
-        Ok(n)
-    }
-}
-
-impl<R: Seek> Seek for CountedHeaders<R> {
-    fn seek(&mut self, to: SeekFrom) -> IoResult<u64> {
-        self.source.seek(to)
-    }
+    let zip = foreign::open_zip(source, MAX_MEMBERS).ok_or(FrameProblem::ArchiveMembers)?;
+    zip.map_err(archive_error)
 }
 
 pub(super) fn read_member(
@@ -145,6 +111,26 @@ pub(super) fn may_hold_folder(path: &Path) -> bool {
         PICTURES.iter().any(|picture| ending.eq_ignore_ascii_case(picture))
     };
     Archive::open(path).is_ok_and(|archive| archive.names().iter().any(is_picture))
+}
+
+/// Largest size of the description of splats in an archive, bytes; readers of SOG accept no larger one.
+const MAX_DESCRIPTION_BYTES: u64 = 1 << 17;
+
+/// True if an archive holds splats (SOG) instead of a recording. A damaged archive has only its name to go by.
+pub(super) fn holds_splats(path: &Path) -> bool {
+    /// What no other `meta.json` has together.
+    #[derive(Deserialize)]
+    struct Description {
+        #[serde(rename = "means")]
+        _means: IgnoredAny,
+        #[serde(rename = "quats")]
+        _rotations: IgnoredAny,
+    }
+    let Ok(archive) = Archive::open(path) else {
+        return path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("sog"));
+    };
+    let text = read_member(&mut archive.lock(), "meta.json", MAX_DESCRIPTION_BYTES);
+    text.is_ok_and(|text| serde_json::from_slice::<Description>(&text).is_ok())
 }
 
 /// Unpacks the files of an archive, member by member, into a temporary folder.

@@ -1,6 +1,6 @@
 //! An opened dataset: splits, skipped frames, options, and properties of its cameras.
 
-use super::archive::{Archive, Unpacked, may_hold_folder, unpack};
+use super::archive::{Archive, Unpacked, holds_splats, may_hold_folder, unpack};
 use super::bag::is_bag;
 use super::calibration::Calibration;
 use super::entry::{DatasetSplit, DepthSource, FrameEntry, HELD_OUT, HOLD_OUT_EVERY, MaskSource};
@@ -292,15 +292,13 @@ fn check_options_used(options: &LoadOptions, splits: &[DatasetSplit]) -> Result<
 }
 
 /// True for a file that holds a recording: a zip archive or a bag (MCAP), which [`open`] accepts in place of a folder, or
-/// another program's recording, which it refuses with advice.
+/// another program's recording, which it refuses with advice. False for a zip archive of splats (SOG), whatever its name.
 pub fn is_archive(path: &Path) -> bool {
-    // Splats in a zip archive are no recording.
-    if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("sog")) {
-        return false;
-    }
     // The next reader of the file reports a disk error.
-    Archive::is_zip_archive(path).unwrap_or(false)
-        || is_bag(path).unwrap_or(false)
+    if Archive::is_zip_archive(path).unwrap_or(false) {
+        return !holds_splats(path);
+    }
+    is_bag(path).unwrap_or(false)
         || matches!(DatasetError::not_a_folder(path), DatasetError::OtherFormat { .. })
 }
 

@@ -4,8 +4,7 @@
 //! (Horn's absolute orientation). The remaining error is the absolute trajectory error of the TUM
 //! benchmark.
 
-use crate::math::pose::Pose;
-use crate::math::sym3::Sym3;
+use crate::math::pose::{Pose, best_rotation};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
@@ -79,17 +78,6 @@ impl TrajectoryError {
             turn_rmse_deg: root(pairs.iter().map(|pair| angle(pair).powi(2)).sum()).to_degrees(),
         })
     }
-}
-
-/// Returns the rotation `R` that maximises `tr(Rᵀ·M)`, from the right singular vectors of `M`.
-fn best_rotation(m: DMat3) -> DMat3 {
-    let right = Sym3::from_mat3(m.transpose() * m).eigen().vectors;
-    // From the two largest axes; the third follows, which excludes a reflection.
-    let x = (m * right.x_axis).try_normalize().unwrap_or(DVec3::X);
-    let across = m * right.y_axis;
-    // Collinear centres leave the rotation about their line open, so any serves.
-    let y = (across - x * x.dot(across)).try_normalize().unwrap_or(x.any_orthonormal_vector());
-    DMat3::from_cols(x, y, x.cross(y)) * right.transpose()
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use super::error::{ExportError, Fault};
 use super::local_origin::OriginCarrier;
 use super::mapping::Mapping;
+use super::registration::Registration;
 use super::stream::WriteProgress;
 use glam::DVec3;
 use std::path::Path;
@@ -261,6 +262,9 @@ pub struct WriteOptions<'a> {
     /// True if world units are metres. A GLB with unit scale 1 then states metres in
     /// `asset.extras.units`.
     pub metric: bool,
+    /// Registration of the world. Files are then in its coordinates, which replace the world in the
+    /// description of axes, local origin, metres and unit scale.
+    pub registration: Option<&'a Registration>,
     /// File units per world unit, above 0.
     pub unit_scale: f64,
     /// Selection of the splats to write.
@@ -270,6 +274,17 @@ pub struct WriteOptions<'a> {
 }
 
 impl WriteOptions<'_> {
+    /// Returns the comments of a file: those given, and the registration.
+    pub(super) fn all_comments(&self) -> Vec<String> {
+        let registered = self.registration.map(Registration::comments).unwrap_or_default();
+        self.comments.iter().cloned().chain(registered).collect()
+    }
+
+    /// True if the coordinates of the file, before its unit scale, are in metres.
+    pub(super) fn is_metric(&self) -> bool {
+        self.registration.map_or(self.metric, |registration| registration.is_metric)
+    }
+
     /// Creates options with unchanged axes, z-up, no padding, default mapping, no metadata, unknown
     /// units and all splats selected.
     pub fn new(format: ModelFormat) -> Self {
@@ -285,6 +300,7 @@ impl WriteOptions<'_> {
             up: DVec3::Z,
             local_origin: DVec3::ZERO,
             metric: false,
+            registration: None,
             unit_scale: 1.0,
             selection: WriteSelection::default(),
             progress: WriteProgress::NONE,

@@ -117,6 +117,10 @@ impl Gaussian {
         Self { mean: factor * self.mean, scale: factor * self.scale, ..self }
     }
 
+    pub fn shifted(self, shift: DVec3) -> Self {
+        Self { mean: self.mean + shift, ..self }
+    }
+
     /// Negates the quaternion if `w < 0`, which does not change the rotation.
     pub fn with_positive_w(self) -> Self {
         // Formats require `w ≥ 0` of the two quaternions that represent a rotation.
@@ -273,6 +277,10 @@ impl AxisRotation {
         // A Gaussian equals its point reflection, so a mirroring turns it like the rotation `−matrix`.
         let quaternion = DQuat::from_mat3(&(matrix.determinant() * matrix));
         AxisRotation { matrix, quaternion }
+    }
+
+    pub fn from_quaternion(quaternion: DQuat) -> AxisRotation {
+        AxisRotation { matrix: DMat3::from_quat(quaternion), quaternion }
     }
 
     pub fn to_z_up(up: DVec3) -> AxisRotation {

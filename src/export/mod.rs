@@ -40,6 +40,7 @@ pub mod local_origin;
 pub mod mapping;
 #[expect(clippy::indexing_slicing, reason = "computed from splats in memory, no file is read")]
 pub mod mesh;
+pub mod registration;
 pub mod video;
 
 mod detail;

@@ -3,7 +3,7 @@
 use super::error::Fault;
 use super::format::{Axes, ModelFormat, WriteOptions};
 use super::gaussian::{AxisRotation, Gaussian};
-use super::source::file_rotation;
+use super::source::Placement;
 use super::{read, write};
 use crate::model::splat::appearance::{SplatSet, SplatView};
 use glam::DVec3;
@@ -17,8 +17,8 @@ pub struct ReadBack {
     pub bytes: u64,
 }
 
-/// Writes a model to memory and reads it back, in the model's own axes and units. Needs memory for the
-/// whole file and for the splats read from it.
+/// Writes a model to memory and reads it back, in the model's own axes and units, without its registration.
+/// Needs memory for the whole file and for the splats read from it.
 ///
 /// ```
 /// use vbgs_studio::export::{ModelFormat, WriteOptions, read_back};
@@ -48,7 +48,8 @@ pub fn read_back<'a>(
         ModelFormat::Usda => ModelFormat::Glb,
         other => other,
     };
-    let options = &WriteOptions { format, ..options.clone() };
+    // Placing the model elsewhere changes nothing that a preview could show.
+    let options = &WriteOptions { format, registration: None, ..options.clone() };
     let bytes = write::encode(splats, options)?;
     let model = read::decode(&bytes)?;
     let n_bytes = match format == stated.format {
@@ -61,7 +62,7 @@ pub fn read_back<'a>(
         Some(Axes::Viewer) => AxisRotation::Z_UP_TO_Y_DOWN.inverse(),
         Some(_) => AxisRotation::Y_UP_TO_Z_UP,
     };
-    let there = file_rotation(options).then(back);
+    let there = Placement::of(options).turn.then(back);
     let splats = to_model_axes(model.splats, there.inverse(), 1.0 / options.unit_scale);
     Ok(ReadBack { splats, bytes: n_bytes as u64 })
 }

@@ -8,6 +8,7 @@ use super::error::Fault;
 use super::format::{Axes, ModelFormat, WriteOptions, WriteSelection};
 use super::gaussian::{AxisRotation, Gaussian, drawable_at};
 use super::mapping::{self, Mapping};
+use super::registration::{REGISTRATION, Registration, shift_and_origin};
 use super::stream::SplatRows;
 use crate::model::splat::appearance::{Appearance, SplatView};
 use crate::model::splat::splats::Splat;
@@ -20,8 +21,7 @@ pub(super) struct ExportRows<'a> {
     mapping: Option<Mapping>,
     /// Small splats in place of those with textures.
     detail: Detail,
-    turn: AxisRotation,
-    unit_scale: f64,
+    placement: Placement,
     rows: Vec<Row>,
     has_directions: bool,
     pub n_drawable: usize,
@@ -73,8 +73,7 @@ impl<'a> ExportRows<'a> {
             view,
             mapping,
             detail,
-            turn: file_rotation(options),
-            unit_scale: options.unit_scale,
+            placement: Placement::of(options),
             rows,
             has_directions: found.iter().flatten().any(|&(n_pieces, has)| n_pieces > 0 && has),
             n_drawable: found.iter().flatten().count(),
@@ -110,7 +109,7 @@ impl<'a> ExportRows<'a> {
     }
 
     pub fn direction(&self, v: DVec3) -> DVec3 {
-        self.turn.rotate_vector(v)
+        self.placement.turn.rotate_vector(v)
     }
 }
 
@@ -120,8 +119,8 @@ impl SplatRows for ExportRows<'_> {
     }
 
     fn row(&self, row: usize) -> Gaussian {
-        let turned = self.in_world(row).rotated(&self.turn).with_positive_w();
-        if self.unit_scale == 1.0 { turned } else { turned.scaled(self.unit_scale) }
+        let Placement { turn, scale, shift, .. } = &self.placement;
+        self.in_world(row).rotated(turn).with_positive_w().scaled(*scale).shifted(*shift)
     }
 
     fn has_directions(&self) -> bool {
@@ -138,19 +137,45 @@ fn plain(view: SplatView, row: Row, mapping: Option<Mapping>) -> Option<Gaussian
     Some(Gaussian { seen: native.seen, ..Gaussian::from_splat(&splat, &appearance) })
 }
 
-pub(super) fn file_rotation(options: &WriteOptions) -> AxisRotation {
-    let to_z_up = AxisRotation::to_z_up(options.up.normalize());
-    match options.format.own_axes().unwrap_or(options.axes) {
-        Axes::AsIs => AxisRotation::IDENTITY,
-        Axes::Viewer => to_z_up.then(AxisRotation::Z_UP_TO_Y_DOWN),
-        Axes::YUp => to_z_up.then(AxisRotation::Z_UP_TO_Y_UP),
-        Axes::ZUp => to_z_up,
-    }
+/// Similarity from positions of splats to those of a file.
+#[derive(Clone, Copy)]
+pub(super) struct Placement {
+    pub turn: AxisRotation,
+    /// File units per world unit.
+    pub scale: f64,
+    /// Shift in the file's axes and units.
+    pub shift: DVec3,
+    /// Local origin in the file's axes and units.
+    pub origin: DVec3,
+    /// Up direction in the file.
+    pub up: DVec3,
 }
 
-/// Returns the local origin in the axes and units of the file.
-pub(super) fn file_origin(options: &WriteOptions) -> DVec3 {
-    file_rotation(options).rotate_vector(options.local_origin) * options.unit_scale
+impl Placement {
+    pub fn of(options: &WriteOptions) -> Self {
+        let registration = options.registration;
+        let up = registration.map_or(options.up, |registration| registration.up(options.up));
+        let to_z_up = AxisRotation::to_z_up(up.normalize());
+        let axes = match options.format.own_axes().unwrap_or(options.axes) {
+            Axes::AsIs => AxisRotation::IDENTITY,
+            Axes::Viewer => to_z_up.then(AxisRotation::Z_UP_TO_Y_DOWN),
+            Axes::YUp => to_z_up.then(AxisRotation::Z_UP_TO_Y_UP),
+            Axes::ZUp => to_z_up,
+        };
+        let places = shift_and_origin(registration, options.local_origin);
+        let [shift, origin] = places.map(|place| axes.rotate_vector(place) * options.unit_scale);
+        Self {
+            turn: registration.map_or(axes, |registration| registration.turn().then(axes)),
+            scale: registration.map_or(1.0, |registration| registration.scale) * options.unit_scale,
+            shift,
+            origin,
+            up: axes.rotate_vector(up),
+        }
+    }
+
+    pub fn place(&self, p: DVec3) -> DVec3 {
+        self.scale * self.turn.rotate_vector(p) + self.shift
+    }
 }
 
 pub(super) fn check_axes(options: &WriteOptions) -> Result<(), Fault> {
@@ -162,6 +187,9 @@ pub(super) fn check_axes(options: &WriteOptions) -> Result<(), Fault> {
     }
     if !options.local_origin.is_finite() {
         return Err(Fault::setting("local origin", "finite numbers", options.local_origin));
+    }
+    if let Some(Err(found)) = options.registration.map(Registration::check) {
+        return Err(Fault::setting("registration", REGISTRATION, found));
     }
     Ok(())
 }

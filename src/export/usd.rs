@@ -5,7 +5,7 @@
 
 use super::format::WriteOptions;
 use super::gaussian::{Gaussian, color_to_harmonic, directional_to_harmonics, wxyz};
-use super::source::file_origin;
+use super::source::Placement;
 use super::stream::{ProgressCounter, SplatRows, write_rows};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -109,9 +109,9 @@ fn start(rows: &impl SplatRows, options: &WriteOptions) -> String {
     };
     // Without metres in the world, a unit counts as one, because USD's default is a centimetre.
     let metres = 1.0 / options.unit_scale;
-    let units = if options.metric { "known" } else { "unknown: taken as metres" };
+    let units = if options.is_metric() { "known" } else { "unknown: taken as metres" };
     let comments: String = options.comments.iter().map(|line| format!("# {line}\n")).collect();
-    let origin = file_origin(options);
+    let Placement { origin, .. } = Placement::of(options);
     let translation = match origin == DVec3::ZERO {
         true => String::new(),
         false => {

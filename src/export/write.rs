@@ -66,7 +66,7 @@ pub(super) fn encode(view: SplatView, options: &WriteOptions) -> Result<Vec<u8>,
 fn stated_comments(view: SplatView, options: &WriteOptions) -> Vec<String> {
     let is_stated = view.finishing().is_antialiased && options.format != ModelFormat::PointCloudPly;
     let stated = ANTIALIASED_COMMENTS.iter().filter(|_| is_stated).map(|line| (*line).to_owned());
-    options.comments.iter().cloned().chain(stated).collect()
+    options.all_comments().into_iter().chain(stated).collect()
 }
 
 fn select_rows<'a>(view: SplatView<'a>, options: &WriteOptions) -> Result<ExportRows<'a>, Fault> {

@@ -1,6 +1,11 @@
-//! Text from outside the program, checked before it is printed or parsed.
+//! Text and archives from outside the program, checked before they are printed, parsed or unpacked.
 
 use std::borrow::Cow;
+use std::io::{Error, Read, Result as IoResult, Seek, SeekFrom};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use zip::ZipArchive;
+use zip::result::ZipResult;
 
 /// Largest memory of JSON and of its parsed values, bytes. A list of 90,000 frames with a matrix each takes
 /// as much.
@@ -89,6 +94,51 @@ fn escaped(text: &str, escape: fn(&mut String, char)) -> Cow<'_, str> {
         }
     }
     Cow::Owned(plain)
+}
+
+/// First bytes of a member's header in the directory of an archive.
+const HEADER: [u8; 4] = *b"PK\x01\x02";
+
+/// Opens a zip archive. `None` if its directory, or what is tried as such, has more than `most` members, each of
+/// which takes 700 bytes of memory.
+pub fn open_zip<R: Read + Seek>(
+    source: R,
+    most: u64,
+) -> Option<ZipResult<ZipArchive<CountedHeaders<R>>>> {
+    let left = Arc::new(AtomicU64::new(most.saturating_add(1)));
+    let zip = ZipArchive::new(CountedHeaders { source, left: left.clone() });
+    // Members may hold archives, whose headers do not count.
+    (left.swap(u64::MAX, Ordering::Relaxed) != 0).then_some(zip)
+}
+
+/// Source of an archive that fails once more headers of members than a limit were read. Counts in records at
+/// the end do not bound them: an archive may hold several such records, and at any place.
+#[derive(Debug)]
+pub struct CountedHeaders<R> {
+    source: R,
+    /// Number of headers that may still be read; 0 after too many.
+    left: Arc<AtomicU64>,
+}
+
+impl<R: Read> Read for CountedHeaders<R> {
+    fn read(&mut self, bytes: &mut [u8]) -> IoResult<usize> {
+        let n = self.source.read(bytes)?;
+        // Each header is read by a call of its own.
+        if bytes.get(..n).is_some_and(|read| read.starts_with(&HEADER)) {
+            let left = self.left.load(Ordering::Relaxed).saturating_sub(1);
+            self.left.store(left, Ordering::Relaxed);
+            if left == 0 {
+                return Err(Error::other("more members than the limit"));
+            }
+        }
+        Ok(n)
+    }
+}
+
+impl<R: Seek> Seek for CountedHeaders<R> {
+    fn seek(&mut self, to: SeekFrom) -> IoResult<u64> {
+        self.source.seek(to)
+    }
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 //! Rounded matrices are replaced by the nearest rotation. Larger deviations are errors: scale or a
 //! mirror image means a wrong axis convention, not rounding.
 
+use super::sym3::Sym3;
 use glam::{DMat3, DMat4, DQuat, DVec3};
 
 /// Largest entry of `|RᵀR − I|` that is accepted as rounding in a rotation matrix `R`. Files round poses
@@ -180,6 +181,18 @@ impl Pose {
 fn nearest_rotation(m: DMat3) -> DMat3 {
     let polar = (m + m.inverse().transpose()) * 0.5;
     DMat3::from_quat(DQuat::from_mat3(&polar).normalize())
+}
+
+/// Returns the rotation `R` that maximises `tr(Rᵀ·M)`, from the right singular vectors of `M`: with
+/// `M = Σ to·fromᵀ` it fits centred pairs of points best (Horn, Umeyama).
+pub fn best_rotation(m: DMat3) -> DMat3 {
+    let right = Sym3::from_mat3(m.transpose() * m).eigen().vectors;
+    // From the two largest axes; the third follows, which excludes a reflection.
+    let x = (m * right.x_axis).try_normalize().unwrap_or(DVec3::X);
+    let across = m * right.y_axis;
+    // Collinear points leave the rotation about their line open, so any serves.
+    let y = (across - x * x.dot(across)).try_normalize().unwrap_or(x.any_orthonormal_vector());
+    DMat3::from_cols(x, y, x.cross(y)) * right.transpose()
 }
 
 #[cfg(test)]

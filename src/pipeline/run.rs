@@ -11,6 +11,7 @@ use crate::eval::report::{
     DatasetReport, EvalReport, FrameReport, QualityCurves, REPORT_FORMAT, Report, SkippedFrame,
     Summary,
 };
+use crate::export::registration::Registration;
 use crate::model::attributes::ComponentAttributes;
 use crate::model::inspection::Inspection;
 use crate::train::learner::{Component, Status};
@@ -160,6 +161,8 @@ pub(super) struct RunProgress {
     pub frames: Vec<FrameReport>,
     pub skipped: Vec<SkippedFrame>,
     pub curves: QualityCurves,
+    /// Registration of the run's world.
+    pub registration: Option<Registration>,
     /// Training time in seconds.
     pub wall_s: f64,
 }
@@ -175,6 +178,7 @@ impl RunProgress {
             frames: Vec::new(),
             skipped: refused.map(|w| SkippedFrame::from(&*w.error)).collect(),
             curves: QualityCurves::default(),
+            registration: None,
             wall_s: 0.0,
         }
     }

@@ -30,6 +30,7 @@ mod models;
 
 mod real;
 mod reference;
+mod register;
 mod report;
 mod runner;
 mod scenes;
@@ -37,4 +38,5 @@ mod sector;
 mod settings;
 mod side;
 mod usage;
+mod versions;
 mod world;

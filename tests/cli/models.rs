@@ -2,6 +2,7 @@
 //! are refused.
 
 use super::runner::Scratch;
+use crate::common::layouts::TestLayout;
 use std::fs;
 use vbgs_studio::export::{ModelFormat, ModelKind, WriteOptions, write};
 use vbgs_studio::model::splat::appearance::{Appearance, SplatSet};
@@ -234,6 +235,30 @@ fn files_that_hold_no_model() {
         }
     }
     assert!(!scratch.path("a.png").exists() && !scratch.path("a.ply").exists());
+}
+
+/// The content of an archive decides whether it is a model or a recording, not its name.
+#[test]
+fn splats_in_an_archive_are_a_model_whatever_its_name() {
+    let scratch = Scratch::with_scene();
+    scratch.run("export out/scene.ply -o a.sog").succeeds();
+    let sog = scratch.bytes("a.sog");
+    for name in ["a.sog", "a.zip", "a.r3d", "a"] {
+        fs::write(scratch.path(name), &sog).unwrap();
+        let info = scratch.run(&format!("info {name} --json")).succeeds().json();
+        assert_eq!((&info["kind"], &info["splats"]), (&"splats".into(), &2000.into()), "{name}");
+    }
+    // A damaged archive has only its name.
+    let damaged = &sog[..sog.len() / 2];
+    fs::write(scratch.path("b.sog"), damaged).unwrap();
+    scratch.run("info b.sog").fails(1, &["b.sog", "SOG", "export the file again"]);
+    fs::write(scratch.path("b.zip"), damaged).unwrap();
+    scratch.run("info b.zip").fails(1, &["b.zip", "whole zip archive", "recording"]);
+    scratch.record("room.r3d", TestLayout::Record3dArchive, 2, 0);
+    let archive = fs::read_dir(scratch.path("room.r3d")).unwrap().next().unwrap().unwrap().path();
+    fs::copy(archive, scratch.path("recording.sog")).unwrap();
+    let info = scratch.run("info recording.sog --json").succeeds().json();
+    assert!(info["layout"].is_string() && info["splats"].is_null(), "{info}");
 }
 
 #[test]

@@ -6,13 +6,14 @@ use std::path::Path;
 
 /// Writes the page instead of comparing it.
 const WRITE: &str = "VBGS_WRITE_SETTINGS";
-const COMMANDS: [&str; 10] = [
+const COMMANDS: [&str; 11] = [
     "train",
     "eval",
     "render",
     "export",
     "synth",
     "merge",
+    "register",
     "info",
     "calibrate",
     "bench",

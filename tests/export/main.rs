@@ -22,6 +22,7 @@ mod options;
 mod ply;
 mod ply_compressed;
 mod ply_foreign;
+mod registration;
 mod round_trip;
 mod samples;
 mod shown;

@@ -8,6 +8,7 @@ use std::path::Path;
 use std::sync::Arc;
 use vbgs_studio::dataset::{self, Dataset, LoadOptions};
 use vbgs_studio::export::mesh::{MeshFormat, Surfel, triangulate, write_mesh};
+use vbgs_studio::export::registration::Registration;
 use vbgs_studio::export::{Axes, ModelFormat, WriteOptions, WriteProgress};
 use vbgs_studio::math::sym3::Sym3;
 use vbgs_studio::model::splat::appearance::Finishing;
@@ -346,4 +347,38 @@ fn a_textured_obj_has_its_files_and_a_ply_has_colours() {
     assert!(std::fs::read(path("wall.ply")).unwrap() == std::fs::read(path("plain.ply")).unwrap());
     write("plain.obj", &plain);
     assert!(!text("plain.obj").contains("vt ") && !path("plain.png").exists());
+}
+
+/// Vertices of a registered mesh are those of the mesh in its world, transformed.
+#[test]
+fn meshes_are_registered() {
+    let surfels = sphere(500, DVec3::new(0.0, 5.0, 0.0), 0.0);
+    let registration = Registration {
+        scale: 0.5,
+        rotation: DQuat::from_rotation_z(0.3).to_array(),
+        translation: [4e5, 5e6, 300.0],
+        system: Some("EPSG:25832".to_owned()),
+        is_metric: true,
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mesh.obj");
+    let vertices = |registration| {
+        let options = WriteOptions { registration, ..WriteOptions::new(ModelFormat::Ply) };
+        write_mesh(&path, &surfels, 0.2, MeshFormat::Obj, &options).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let numbers = |line: &str| -> Vec<f64> {
+            line.split(' ').skip(1).take(3).map(|n| n.parse().unwrap()).collect()
+        };
+        let lines = text.lines().filter(|line| line.starts_with("v "));
+        (lines.map(|line| DVec3::from_slice(&numbers(line))).collect::<Vec<_>>(), text)
+    };
+    let (plain, _) = vertices(None);
+    let (found, text) = vertices(Some(&registration));
+    assert!(text.contains("# vbgs local origin 400000 5000000 300\n"), "{}", &text[..400]);
+    assert!(text.contains("# vbgs coordinate system EPSG:25832\n"), "{}", &text[..400]);
+    let origin = DVec3::from_array(registration.translation);
+    assert!(!plain.is_empty() && plain.len() == found.len());
+    for (a, b) in plain.iter().zip(&found) {
+        assert!((registration.apply(*a) - origin).distance(*b) < 1e-6);
+    }
 }

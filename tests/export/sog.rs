@@ -7,6 +7,7 @@ use image_webp::{ColorType, WebPDecoder, WebPEncoder};
 use serde_json::{Value, json};
 use std::io::{Cursor, Read, Write};
 use vbgs_studio::export::{ModelFormat, Note, WriteOptions};
+use vbgs_studio::math::foreign::open_zip;
 use vbgs_studio::math::sym3::Sym3;
 use vbgs_studio::model::splat::appearance::{Appearance, SplatSet};
 use vbgs_studio::model::splat::observed_cone::ObservedCone;
@@ -246,10 +247,33 @@ fn files_that_lie_are_refused() {
         assert_fails(name, &bytes, parts);
     }
     let many: Members = (0..65).map(|i| (format!("{i}"), Vec::new())).collect();
-    assert_fails("members", &packed(&many), &["at most 64 members", "found 65"]);
+    assert_fails("members", &packed(&many), &["at most 64 members", "found more"]);
+    // The last record at the end states two members; the directory is that of the one before.
+    let other = [&b"PK\x05\x06"[..], &[0; 4], &[1, 0, 2, 0], &[0xFF, 0, 0, 0], &[0; 6]].concat();
+    let two_ends = [packed(&many), other].concat();
+    assert_fails("two ends", &two_ends, &["at most 64 members", "found more"]);
     assert_fails("other archive", &packed(&vec![("a".into(), vec![1])]), &["meta.json"]);
     let text: Members = vec![("meta.json".into(), vec![b' '; 1 << 20])];
     assert_fails("long text", &packed(&text), &["at most 131072 bytes, found more"]);
+}
+
+#[test]
+fn members_are_counted_as_they_are_read() {
+    let header = *b"PK\x01\x02";
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    for name in ["a", "b", "c"] {
+        zip.start_file(name, SimpleFileOptions::default()).unwrap();
+        // A header within a member is no member.
+        zip.write_all(&header.repeat(9)).unwrap();
+    }
+    let archive = zip.finish().unwrap().into_inner();
+    let open = |most| open_zip(Cursor::new(&archive[..]), most);
+    assert!(open(2).is_none());
+    let mut zip = open(3).unwrap().unwrap();
+    let mut bytes = Vec::new();
+    zip.by_name("b").unwrap().read_to_end(&mut bytes).unwrap();
+    assert_eq!((zip.len(), bytes), (3, header.repeat(9)));
+    assert!(open_zip(Cursor::new(&header[..]), 3).unwrap().is_err());
 }
 
 /// The file takes a fifth of the bytes of an SPZ of the oldest version, and splats on a curve compress.

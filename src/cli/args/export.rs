@@ -81,6 +81,50 @@ pub struct ExportArgs {
 }
 
 #[derive(Args)]
+pub struct RegisterArgs {
+    /// Checkpoint
+    pub model: PathBuf,
+    /// Checkpoint to write [default: MODEL, whose old file stays as .bak]
+    #[arg(short, long, value_name = "CHECKPOINT")]
+    pub output: Option<PathBuf>,
+    /// Two points of the model's world and their distance in the new unit, such as 1.25m; m, cm, mm, km or no
+    /// unit
+    #[arg(long, num_args = 3, value_names = ["X,Y,Z", "X,Y,Z", "LENGTH"], allow_hyphen_values = true)]
+    pub scale_by: Option<Vec<String>>,
+    /// Three points of a level surface in the model's world, whose normal becomes z
+    #[arg(long, num_args = 3, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
+    pub up_by: Option<Vec<DVec3>>,
+    /// Control points, a text with a position in the model's world and its coordinates in each line: one is
+    /// moved to, three and more are fitted
+    #[arg(long, value_name = "FILE")]
+    pub to: Option<PathBuf>,
+    /// Name of the coordinate system, such as EPSG:25832
+    #[arg(long, value_name = "NAME")]
+    pub system: Option<String>,
+    /// Remove the registration
+    #[arg(long, conflicts_with_all = ["scale_by", "up_by", "to", "system"])]
+    pub clear: bool,
+}
+
+/// Parses a length with or without a unit. True if the unit is the metre.
+pub fn parse_length(text: &str) -> Option<(f64, bool)> {
+    // `m` last, since the others end in it.
+    let units = [("cm", 0.01), ("mm", 0.001), ("km", 1000.0), ("m", 1.0)];
+    let text = text.trim();
+    let stripped =
+        units.iter().find_map(|(name, metres)| Some((text.strip_suffix(*name)?, *metres)));
+    let (number, metres) = stripped.unwrap_or((text, 1.0));
+    Some((parse_positive(number.trim()).ok()? * metres, stripped.is_some()))
+}
+
+pub fn parse_point(text: &str) -> Result<DVec3, String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    let point = numbers.and_then(|numbers| Some(DVec3::from_array(numbers.try_into().ok()?)));
+    let point = point.filter(|point| point.is_finite());
+    point.ok_or_else(|| "expected three numbers X,Y,Z".to_owned())
+}
+
+#[derive(Args)]
 pub struct MappingArgs {
     /// Conversion of opacities above 0.99, for scenes with colour gradients or opacities above 1 [default: equal-area; clip with --export-split 4]
     #[arg(long, value_parser = documented_choice::<OpacityMapping>())]

@@ -26,7 +26,7 @@ use vbgs_studio::calibrate::DEFAULT_FRAMES;
 use vbgs_studio::pipeline::plan::MAX_PASSES;
 
 pub use depth::ReadArgs;
-pub use export::{ExportArgs, FormatName, KindName};
+pub use export::{ExportArgs, FormatName, KindName, RegisterArgs, parse_length, parse_point};
 pub use render::{PaintName, RenderArgs};
 pub use synth::SynthArgs;
 pub use train::{ComparisonArgs, DeviceName, EvalArgs, Protocol, TrainArgs};
@@ -118,6 +118,8 @@ pub enum Command {
     Export(ExportArgs),
     /// Write a synthetic posed RGB-D dataset with ground truth
     Synth(SynthArgs),
+    /// Set scale, level and place of a model in coordinates of your own, which exports apply
+    Register(RegisterArgs),
     /// Merge models trained on different frames from the same start
     Merge(MergeArgs),
     /// Describe a dataset or model and list all defects found

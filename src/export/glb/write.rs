@@ -12,7 +12,7 @@ use crate::export::gaussian::{
     Gaussian, color_to_harmonic, directional_to_harmonics, srgb_to_linear,
 };
 use crate::export::local_origin;
-use crate::export::source::file_origin;
+use crate::export::source::Placement;
 use crate::export::stream::{ProgressCounter, SplatRows, put_floats, write_rows};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -92,7 +92,7 @@ impl GlbLayout {
             target: ARRAY_BUFFER,
         });
         let declared: Vec<Declared> = declared.collect();
-        let origin = file_origin(options);
+        let Placement { origin, .. } = Placement::of(options);
         let document = Root {
             // Not required, so that viewers without the extension draw `COLOR_0` as points.
             extensions_used: vec![EXTENSION.to_owned()],
@@ -231,7 +231,7 @@ fn primitive(columns: &[&Column]) -> Primitive {
 fn extras(options: &WriteOptions, origin: DVec3) -> Option<serde_json::Value> {
     let mut extras = serde_json::Map::new();
     // The unit of scaled lengths is unknown here.
-    if options.metric && options.unit_scale == 1.0 {
+    if options.is_metric() && options.unit_scale == 1.0 {
         extras.insert("units".to_owned(), json!("metres"));
     }
     if !options.comments.is_empty() {

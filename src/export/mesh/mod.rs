@@ -29,7 +29,7 @@ use super::error::{ExportError, Fault};
 use super::format::{Axes, ModelFormat, WriteOptions};
 use super::glb::mesh::MeshLayout;
 use super::local_origin::{OriginCarrier, comment};
-use super::source::{check_axes, file_origin, file_rotation};
+use super::source::{Placement, check_axes};
 use super::stream::{ProgressCounter, put_floats, write_rows};
 use crate::math::image::unit_to_byte;
 use glam::DVec3;
@@ -202,7 +202,7 @@ pub struct MeshSummary {
 }
 
 /// Triangulates plane segments on cells of width `cell`, in world units, and writes the mesh atomically.
-/// Only axes, up direction, local origin, unit scale, comments and progress of the options apply. A GLB
+/// Only axes, up direction, local origin, registration, unit scale, comments and progress of the options apply. A GLB
 /// is always y-up. If any segment has a texture, GLB and OBJ have a texture instead of vertex colours. That
 /// of an OBJ is in files of its name beside it, `.mtl` and `.png`.
 ///
@@ -217,6 +217,8 @@ pub fn write_mesh(
     options: &WriteOptions,
 ) -> Result<MeshSummary, ExportError> {
     let fail = |fault: Fault| fault.with_path(path);
+    let comments = options.all_comments();
+    let options = &WriteOptions { comments: &comments, ..options.clone() };
     let mut mesh = checked_mesh(surfels, cell, options).map_err(fail)?;
     let is_textured = format.has_textures() && surfels.iter().any(|s| s.texture.is_some());
     let (n_vertices, n_triangles) = (mesh.positions.len(), mesh.triangles.len());
@@ -268,8 +270,7 @@ fn to_file_axes(mesh: &mut TriangleMesh, format: MeshFormat, options: &WriteOpti
     // glTF prescribes y-up. As a PLY, because the model's format does not concern the mesh.
     let axes = if format == MeshFormat::Glb { Axes::YUp } else { options.axes };
     let options = WriteOptions { axes, format: ModelFormat::Ply, ..options.clone() };
-    let turn = file_rotation(&options);
-    let place = |p: &mut DVec3| *p = options.unit_scale * turn.rotate_vector(*p);
-    mesh.positions.iter_mut().for_each(place);
-    file_origin(&options)
+    let placement = Placement::of(&options);
+    mesh.positions.iter_mut().for_each(|p| *p = placement.place(*p));
+    placement.origin
 }

@@ -6,7 +6,7 @@ use crate::export::format::WriteOptions;
 use crate::export::gaussian::{Gaussian, color_to_harmonic, directional_to_harmonics, logit, wxyz};
 use crate::export::imported::VERTICAL_AXIS;
 use crate::export::local_origin::comment;
-use crate::export::source::{ExportRows, file_origin, file_rotation};
+use crate::export::source::{ExportRows, Placement};
 use crate::export::stream::{ProgressCounter, SplatRows, put_floats, write_rows};
 use crate::math::image::unit_to_byte;
 use glam::DVec3;
@@ -79,12 +79,12 @@ impl PlyLayout {
 
 fn header_start(n: usize, options: &WriteOptions) -> String {
     // brush reads this comment as the up direction.
-    let up = file_rotation(options).rotate_vector(options.up);
+    let Placement { up, origin, .. } = Placement::of(options);
     // Adding zero turns −0 into 0.
     let [x, y, z] = up.as_vec3().to_array().map(|v| v + 0.0);
     let mut header =
         format!("ply\nformat binary_little_endian 1.0\ncomment {VERTICAL_AXIS} {x} {y} {z}\n");
-    for comment in options.comments.iter().chain(&comment(file_origin(options))) {
+    for comment in options.comments.iter().chain(&comment(origin)) {
         let _ = writeln!(header, "comment {comment}");
     }
     let _ = writeln!(header, "element vertex {n}");
@@ -134,7 +134,7 @@ pub(in crate::export) fn points(
     out.write_all(header.as_bytes())?;
     // Camera positions are in the model's world, so normals and colours are computed there.
     let (cameras, confidence) = (options.camera_centres, options.confidence);
-    let (uncertainty, unit) = (options.selection.uncertainty, options.unit_scale);
+    let (uncertainty, unit) = (options.selection.uncertainty, Placement::of(options).scale);
     let of = |list: &[f64], i: usize| list.get(source.splat_index(i)).copied().unwrap_or(f64::NAN);
     write_rows(out, source.n_rows(), steps, |i, row| {
         let point = source.in_world(i);

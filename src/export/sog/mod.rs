@@ -10,6 +10,7 @@ pub(super) mod write;
 use super::error::{Fault, shorten};
 use super::gaussian::{AxisRotation, Gaussian, harmonic_to_color, harmonics_to_directional};
 use super::imported::{Imported, Intake, ModelKind, Note, Rows};
+use crate::math::foreign::{CountedHeaders, open_zip};
 use glam::{DMat3, DVec3};
 use image_webp::WebPDecoder;
 use serde::{Deserialize, Serialize};
@@ -217,7 +218,7 @@ const ANY_FACTOR_BYTES: usize = 16 << 20;
 /// Largest factor by which the splats of recorded scenes are compressed.
 const USUAL_FACTOR: u64 = 5;
 /// Maximum number of members: seven images and their description, besides what others add.
-const MAX_MEMBERS: u16 = 64;
+const MAX_MEMBERS: u64 = 64;
 /// Maximum size of `meta.json`, bytes: five times that of three codebooks with long numbers.
 const MAX_META_BYTES: u64 = 1 << 17;
 /// Maximum number of pixels beyond the splats, besides as many again.
@@ -226,14 +227,16 @@ const SPARE_PIXELS: usize = 4096;
 const MAX_PALETTE: u64 = 1 << 16;
 
 struct Archive<'a> {
-    zip: ZipArchive<Cursor<&'a [u8]>>,
+    zip: ZipArchive<CountedHeaders<Cursor<&'a [u8]>>>,
 }
 
 impl<'a> Archive<'a> {
     fn open(bytes: &'a [u8]) -> Result<Self, Fault> {
-        check_members(bytes)?;
-        let zip = ZipArchive::new(Cursor::new(bytes)).map_err(|e| zip_fault("SOG", &e))?;
-        Ok(Self { zip })
+        let Some(zip) = open_zip(Cursor::new(bytes), MAX_MEMBERS) else {
+            let expected = format!("at most {MAX_MEMBERS} members in the archive");
+            return Err(Fault::malformed("SOG", expected, "more"));
+        };
+        Ok(Self { zip: zip.map_err(|e| zip_fault("SOG", &e))? })
     }
 
     /// Unpacks a member of at most `most` bytes; memory grows only with the data received.
@@ -288,25 +291,6 @@ impl<'a> Archive<'a> {
 
 fn zip_fault(place: &str, error: &zip::result::ZipError) -> Fault {
     Fault::malformed(place, "a member of a zip archive", shorten(&error.to_string()))
-}
-
-/// Refuses archives that state many members, each of which takes memory before it is read.
-fn check_members(bytes: &[u8]) -> Result<(), Fault> {
-    const END_BYTES: usize = (1 << 16) + 22 + 20;
-    let end = bytes.get(bytes.len().saturating_sub(END_BYTES)..).unwrap_or_default();
-    for window in end.array_windows::<12>() {
-        let found = match *window {
-            [b'P', b'K', 5, 6, .., low, high] => u16::from_le_bytes([low, high]),
-            // The locator of a directory of any number of members.
-            [b'P', b'K', 6, 7, ..] => u16::MAX,
-            _ => continue,
-        };
-        if found > MAX_MEMBERS {
-            let expected = format!("at most {MAX_MEMBERS} members in the archive");
-            return Err(Fault::malformed("SOG", expected, format!("{found} or more")));
-        }
-    }
-    Ok(())
 }
 
 /// Decoded image with three or four channels.

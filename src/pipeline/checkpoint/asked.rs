@@ -186,6 +186,7 @@ impl SavedRun {
         past.visited = cursor.visited.len();
         past.points = cursor.points;
         past.wall_s = meta.wall_s;
+        past.registration = meta.registration;
         if let Some(history) = history {
             let history: History = parse(&path, "HIST", &history)?;
             (past.frames, past.skipped, past.curves) =

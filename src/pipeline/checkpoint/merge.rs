@@ -177,6 +177,11 @@ fn check_same_start(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
     if let Some(difference) = a.meta.fingerprint.difference(&b.meta.fingerprint) {
         return unlike("dataset", format!("a difference in {difference}"), RETRAIN_ADVICE);
     }
+    if a.meta.registration != b.meta.registration {
+        let advice =
+            "register the merged model, and remove other registrations with `register --clear`";
+        return unlike("registration", "a difference".to_owned(), advice);
+    }
     let (ours, theirs) = (&a.config.method, &b.config.method);
     if ours.preset() != theirs.preset() {
         let found = format!("{} and {}", ours.preset(), theirs.preset());

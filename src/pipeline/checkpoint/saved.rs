@@ -7,8 +7,10 @@ use crate::eval::report;
 use crate::eval::report::{FrameReport, QualityCurves, SkippedFrame};
 use crate::export::checkpoint;
 use crate::export::checkpoint::{Checkpoint, LoadedCheckpoint};
+use crate::export::registration::Registration;
 use crate::model::splat::appearance::SplatSet;
 use crate::pipeline::any_preset::{Mismatch, PlacedLearner};
+use crate::pipeline::error::SessionError;
 use crate::pipeline::frame_loop::restore_any;
 use crate::pipeline::plan::MAX_PASSES;
 use crate::pipeline::run::RunConfig;
@@ -32,6 +34,9 @@ pub struct Meta {
     pub up: [f64; 3],
     /// Number of frames planned for the run.
     pub planned_frames: usize,
+    /// Registration of the world. Versions up to 0.1 lack it and ignore it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub registration: Option<Registration>,
     /// Training time so far, in seconds.
     pub wall_s: f64,
 }
@@ -64,7 +69,11 @@ impl SavedRun {
     /// exist; it counts no bytes.
     pub(super) fn new(path: &Path, content: Checkpoint) -> Result<Self, RunError> {
         let config: RunConfig = parse(path, "CONF", &content.config)?;
-        let meta = parse(path, "META", &content.meta)?;
+        let meta: Meta = parse(path, "META", &content.meta)?;
+        if let Some(Err(found)) = meta.registration.as_ref().map(Registration::check) {
+            let problem = format!("expected a registration, found {found}");
+            return Err(RunError::Json { path: path.to_owned(), section: "META", problem });
+        }
         let (path, version) = (path.to_owned(), checkpoint::VERSION);
         let run = Self { path, version, bytes: 0, config, meta, content };
         // Sections may be valid and yet contradict each other.
@@ -100,6 +109,16 @@ impl SavedRun {
             ),
             _ => Ok(()),
         }
+    }
+
+    /// Sets the registration of the world, also in the content.
+    ///
+    /// # Errors
+    /// [`RunError::Session`] for numbers that JSON cannot represent.
+    pub fn register(&mut self, registration: Option<Registration>) -> Result<(), RunError> {
+        self.meta.registration = registration;
+        self.content.meta = canonical(&self.meta).map_err(SessionError::from)?;
+        Ok(())
     }
 
     /// Splats of the model, as in exported files.

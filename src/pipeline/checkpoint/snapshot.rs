@@ -98,7 +98,7 @@ impl SessionSnapshot {
     /// [`SessionError::Json`] for settings or reports that JSON cannot represent.
     pub fn into_checkpoint(self) -> Result<Checkpoint, SessionError> {
         let Self { dataset, split, config, past, planned_frames, cursor, model } = self;
-        let RunProgress { frames, skipped, curves, wall_s, .. } = past;
+        let RunProgress { frames, skipped, curves, registration, wall_s, .. } = past;
         let meta = Meta {
             program: concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_owned(),
             saved_unix_s: now_unix_s(),
@@ -110,6 +110,7 @@ impl SessionSnapshot {
             fingerprint: Fingerprint::of(&dataset, split),
             up: dataset.up(split).to_array(),
             planned_frames,
+            registration,
             wall_s,
         };
         let history = History { frames, skipped, curves: curves.finite() };
