@@ -86,23 +86,10 @@ pub struct Improvement {
     pub has_converged: bool,
 }
 
-/// Matches of one part of the components, in the order of each component's first point.
-struct PartMatches<'p> {
-    matches: Vec<Match<'p>>,
-    /// First point of each match, and distance of its mean position from the camera, world units.
-    firsts: Vec<(u32, f64)>,
-    /// Number of points of all matches.
-    n_points: f64,
-}
-
 struct FrameMatches<'p> {
-    parts: Vec<PartMatches<'p>>,
-    /// Part and number in the part of each match, in the order of each component's first point.
-    order: Vec<[u32; 2]>,
-    /// Sum of the distances of the matches from the camera, world units.
-    summed_reach: f64,
+    pub matches: Vec<Match<'p>>,
     /// Share of the frame's points that belong to the matched components, 0 to 1.
-    share: f64,
+    pub share: f64,
 }
 
 /// Returns the frame with an evenly spaced subset of its points for alignment.
@@ -116,13 +103,8 @@ pub fn alignment_subset(frame: &Observation) -> Observation {
 /// Returns the frame with one of every [`GROUP_STRIDE`] groups of points. A group consists of
 /// neighbouring points, whose seeds are searched for together.
 pub fn first_groups(frame: &Observation) -> Observation {
-    const STRIDE: usize = GROUP_STRIDE * GROUP;
-    let n = frame.points.len();
-    // Only the last group can lack points.
-    let n_chosen = n / STRIDE * GROUP + (n % STRIDE).min(GROUP);
-    let chosen = (0..n_chosen).into_par_iter().with_min_len(512);
-    let point = |i: usize| frame.points[i / GROUP * STRIDE + i % GROUP];
-    with_points(frame, chosen.map(point).collect())
+    let groups = frame.points.chunks(GROUP).step_by(GROUP_STRIDE);
+    with_points(frame, groups.flatten().copied().collect())
 }
 
 fn with_points(frame: &Observation, points: Vec<SurfacePoint>) -> Observation {
@@ -139,71 +121,45 @@ impl PoseAlignment<'_> {
     /// Returns a more probable motion of the frame than `before`. `owners` must have been assigned under
     /// `before`. `None` if too few components are known.
     pub fn improve(&self, before: &Motion, planes: &mut KnownPlanes<'_>) -> Option<Improvement> {
+        let found = self.matches(planes);
         let centre = self.frame.camera.pose.centre() - self.frame.origin;
-        let found = self.matches(planes, centre);
         let deviations = [TURN_DEVIATION, f64::from(self.frame.tolerance.place)];
         let motion = found.step(before, centre, deviations)?;
+        let matches = &found.matches;
+        let reach = matches.iter().map(|m| (m.position - centre).length()).sum::<f64>();
         let turned = (motion.turn * before.turn.inverse()).to_scaled_axis().length();
         // A rotation moves a point in proportion to its distance from the camera.
-        let reach = found.summed_reach;
-        let moved =
-            (motion.shift - before.shift).length() + turned * reach / found.order.len() as f64;
+        let moved = (motion.shift - before.shift).length() + turned * reach / matches.len() as f64;
         Some(Improvement { motion, has_converged: moved < CONVERGED * self.h })
     }
 
-    /// Returns the means of the frame's points in each component. Every component is summed by one thread, in the
-    /// order of the points, so that rounding depends neither on the machine nor on the numbering of components.
-    /// `centre` is the camera's position, world units from the origin.
-    fn matches<'p>(&self, planes: &'p mut KnownPlanes<'_>, centre: DVec3) -> FrameMatches<'p> {
-        // A power of two, since a division for every point and part would take longer than the sums.
-        let (source, bits) = (planes.source, planes.parts.len().ilog2());
-        let parts = (0u32..1 << bits).into_par_iter().zip(&mut planes.parts).with_max_len(1);
-        let parts = parts.map(|(number, part)| {
-            let own = (0u32..)
-                .zip(self.owners)
-                .filter(|(_, owner)| **owner & ((1 << bits) - 1) == number);
-            let points: Vec<u32> = own.map(|(point, _)| point).collect();
-            let places: Vec<u32> = points
-                .iter()
-                .map(|point| part.place(self.owners[*point as usize] as usize, bits, source))
-                .collect();
-            self.part_matches(points, places, part, centre)
-        });
-        FrameMatches::new(parts.collect(), self.frame.points.len())
-    }
-
-    fn part_matches<'p>(
-        &self,
-        points: Vec<u32>,
-        places: Vec<u32>,
-        part: &'p PlanePart,
-        centre: DVec3,
-    ) -> PartMatches<'p> {
-        let mut at = vec![NONE; part.planes.len()];
+    /// Returns the means of the frame's points in each component, in the order of each component's first
+    /// point. Runs on one thread, so that rounding depends neither on the machine nor on the numbering
+    /// of components.
+    fn matches<'p>(&self, planes: &'p mut KnownPlanes<'_>) -> FrameMatches<'p> {
+        planes.compute_missing(self.owners);
+        let planes = &*planes;
+        let mut at = vec![NONE; planes.len()];
         let mut sums: Vec<(f64, Match<'p>)> = Vec::new();
-        let mut firsts = Vec::new();
-        for (number, place) in points.into_iter().zip(places) {
-            let Some(Some(plane)) = part.planes.get(place as usize) else { continue };
-            let at = &mut at[place as usize];
-            if *at == NONE {
-                *at = sums.len() as u32;
+        for (point, &component) in self.frame.points.iter().zip(self.owners) {
+            let Some((number, plane)) = planes.plane_of(component) else { continue };
+            if at[number] == NONE {
+                at[number] = sums.len() as u32;
                 let (position, color) = (DVec3::ZERO, DVec3::ZERO);
                 sums.push((0.0, Match { plane, position, color, noise: 0.0 }));
-                firsts.push(number);
             }
-            let (n, matched) = &mut sums[*at as usize];
-            let point = &self.frame.points[number as usize];
+            let (n, matched) = &mut sums[at[number] as usize];
             *n += 1.0;
             // About the seed, so that the mean keeps its digits far from the origin.
             matched.position += point.position_vector() - plane.seed;
             matched.color += self.exposed(point);
             matched.noise += f64::from(point.noise);
         }
-        let n_points = sums.iter().map(|(n, _)| n).sum();
-        let matches: Vec<Match<'p>> =
-            sums.into_iter().map(|(n, matched)| matched.mean_of(n)).collect();
-        let lengths = matches.iter().map(|matched| (matched.position - centre).length());
-        PartMatches { firsts: firsts.into_iter().zip(lengths).collect(), matches, n_points }
+        let owned: f64 = sums.iter().map(|(n, _)| n).sum();
+        // A frame without points must not give a share of NaN.
+        let share = owned / self.frame.points.len().max(1) as f64;
+        let matches = sums.into_iter().map(|(n, matched)| matched.mean_of(n)).collect();
+        FrameMatches { matches, share }
     }
 
     fn exposed(&self, point: &SurfacePoint) -> DVec3 {
@@ -220,40 +176,26 @@ impl Match<'_> {
     }
 }
 
-impl<'p> FrameMatches<'p> {
-    fn new(parts: Vec<PartMatches<'p>>, n_points: usize) -> Self {
-        let mut by_first = vec![None; n_points];
-        for (part, matches) in (0..).zip(&parts) {
-            for (number, &(first, length)) in (0..).zip(&matches.firsts) {
-                by_first[first as usize] = Some(([part, number], length));
-            }
-        }
-        let (order, lengths): (Vec<_>, Vec<f64>) = by_first.into_iter().flatten().unzip();
-        let summed_reach = lengths.iter().sum();
-        let owned: f64 = parts.iter().map(|part| part.n_points).sum();
-        // A frame without points must not give a share of NaN.
-        let share = owned / n_points.max(1) as f64;
-        Self { parts, order, summed_reach, share }
-    }
-
+impl FrameMatches<'_> {
     /// Returns how many neighbouring matches count as one independent match, since their errors
     /// correlate. The number is smaller if components are few and large.
     fn n_correlated(&self) -> f64 {
-        (self.order.len() as f64 / (PATCHES * self.share)).clamp(1.0, MAX_CORRELATED)
+        (self.matches.len() as f64 / (PATCHES * self.share)).clamp(1.0, MAX_CORRELATED)
     }
 
     /// Returns the factor on the prior deviation of the recorded position, below 1 for few components.
     /// Few, large components describe texture badly. Their errors would move the camera along a wall
     /// that does not constrain such motion.
     fn prior_factor(&self) -> f64 {
-        (self.order.len() as f64 / MANY_COMPONENTS).powi(2).clamp(HELD, 1.0)
+        (self.matches.len() as f64 / MANY_COMPONENTS).powi(2).clamp(HELD, 1.0)
     }
 
     /// Returns a more probable motion than `before` for a camera recorded at `centre`, world units from
     /// the origin. `turn` and `shift` are the prior standard deviations of rotation (radians) and
     /// position (world units). `None` if there are too few matches.
     fn step(&self, before: &Motion, centre: DVec3, [turn, shift]: [f64; 2]) -> Option<Motion> {
-        if self.order.len() < MIN_COMPONENTS {
+        let matches = &self.matches;
+        if matches.len() < MIN_COMPONENTS {
             return None;
         }
         let alike = self.n_correlated();
@@ -262,16 +204,13 @@ impl<'p> FrameMatches<'p> {
         for _ in 0..STEPS {
             // The prior stays about the recorded pose: about the last motion, rounds could drift away.
             let mut normal = RigidEquations::prior(&motion, deviations);
-            let part = |order: &[[u32; 2]]| {
+            let part = |matches: &[Match<'_>]| {
                 let mut part = RigidEquations::NONE;
-                for &[of, number] in order {
-                    let matched = &self.parts[of as usize].matches[number as usize];
-                    part.add_match(matched, centre, &motion, alike);
-                }
+                matches.iter().for_each(|matched| part.add_match(matched, centre, &motion, alike));
                 part
             };
             // Parts of fixed size, added in order: rounding is independent of the number of threads.
-            let parts: Vec<_> = self.order.par_chunks(PART).map(part).collect();
+            let parts: Vec<_> = matches.par_chunks(PART).map(part).collect();
             parts.iter().for_each(|part| normal.add_equations(part));
             let [turn, shift] = normal.solution()?;
             motion.turn = (DQuat::from_scaled_axis(turn) * motion.turn).normalize();
@@ -353,58 +292,50 @@ impl ColoredPlane {
 
 /// Cache of the planes of those components that a frame uses.
 pub struct KnownPlanes<'a> {
-    source: PlaneSource<'a>,
-    /// Components whose numbers have the same remainder, one part for each remainder.
-    parts: Vec<PlanePart>,
-}
-
-/// Scene from which planes are computed.
-#[derive(Clone, Copy)]
-struct PlaneSource<'a> {
     component_sums: &'a ComponentSums,
     seeds: &'a Seeds,
     h: f64,
     /// Ridge of the regression of colour on position, world units².
     ridge: f64,
-}
-
-/// Planes of one part of the components. Neighbouring components, which are seen together, are in different parts.
-#[derive(Default)]
-struct PlanePart {
-    /// Index in `planes` of each of the part's components, or [`NONE`]; empty before the first one is needed.
+    /// Index of each component's plane in `planes`.
     places: Vec<u32>,
     planes: Vec<Option<ColoredPlane>>,
 }
 
 impl<'a> KnownPlanes<'a> {
     pub fn new(component_sums: &'a ComponentSums, seeds: &'a Seeds, h: f64, ridge: f64) -> Self {
-        // More than threads, so that a delayed thread is left less to do.
-        let n_parts = (2 * rayon::current_num_threads()).next_power_of_two();
-        let mut parts = Vec::new();
-        parts.resize_with(n_parts, PlanePart::default);
-        Self { source: PlaneSource { component_sums, seeds, h, ridge }, parts }
+        let places = vec![NONE; component_sums.len()];
+        Self { component_sums, seeds, h, ridge, places, planes: Vec::new() }
     }
-}
 
-impl PlanePart {
-    /// Returns the index of a component's plane in `planes`, and computes the plane if it is not in the cache.
-    /// `bits` is the logarithm
-    /// to base 2 of the number of parts. [`NONE`] for components created in this frame and for points without one.
-    fn place(&mut self, component: usize, bits: u32, source: PlaneSource<'_>) -> u32 {
-        let PlaneSource { component_sums, seeds, h, ridge } = source;
-        if component >= component_sums.len() {
-            return NONE;
+    /// Computes the planes of the given components that are not in the cache. Components created in this
+    /// frame are skipped.
+    pub fn compute_missing(&mut self, owners: &[u32]) {
+        let mut new = Vec::new();
+        for &id in owners {
+            if let Some(place) = self.places.get_mut(id as usize).filter(|place| **place == NONE) {
+                *place = (self.planes.len() + new.len()) as u32;
+                new.push(id);
+            }
         }
-        if self.places.is_empty() {
-            self.places.resize(component_sums.len().div_ceil(1 << bits), NONE);
-        }
-        let place = &mut self.places[component >> bits];
-        if *place == NONE {
-            *place = self.planes.len() as u32;
-            let sums = SceneSums::new(&component_sums.sums(component), h);
-            let seed = DVec3::from_array(seeds.of(component).map(f64::from));
-            self.planes.push(ColoredPlane::new(&sums, seed, ridge));
-        }
-        *place
+        let plane = |&id: &u32| {
+            let sums = SceneSums::new(&self.component_sums.sums(id as usize), self.h);
+            let seed = DVec3::from_array(self.seeds.of(id as usize).map(f64::from));
+            ColoredPlane::new(&sums, seed, self.ridge)
+        };
+        // Keeps the order of `new`, which the places refer to.
+        self.planes.par_extend(new.par_iter().with_min_len(64).map(plane));
+    }
+
+    pub fn len(&self) -> usize {
+        self.planes.len()
+    }
+
+    /// Returns index and plane of a component that was passed to [`Self::compute_missing`]; `None` if it
+    /// has no plane.
+    #[inline]
+    pub fn plane_of(&self, component: u32) -> Option<(usize, &ColoredPlane)> {
+        let place = *self.places.get(component as usize)? as usize;
+        Some((place, self.planes.get(place)?.as_ref()?))
     }
 }
