@@ -105,7 +105,8 @@ pub fn open_zip<R: Read + Seek>(
     source: R,
     most: u64,
 ) -> Option<ZipResult<ZipArchive<CountedHeaders<R>>>> {
-    let left = Arc::new(AtomicU64::new(most.saturating_add(1)));
+    // The first header is read twice, to find the start of the archive.
+    let left = Arc::new(AtomicU64::new(most.saturating_add(2)));
     let zip = ZipArchive::new(CountedHeaders { source, left: left.clone() });
     // Members may hold archives, whose headers do not count.
     (left.swap(u64::MAX, Ordering::Relaxed) != 0).then_some(zip)

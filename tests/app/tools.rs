@@ -1,14 +1,15 @@
 //! Flying, setting the pivot, measuring, and overlays of the viewport.
 
 use super::harness::{
-    Window, clear_view, click, dataset, drop_on, enter_path, is, menu, press_in_dialog, train,
-    wait, wait_for_picture, wait_for_text, window,
+    PATIENCE, Window, clear_view, click, dataset, drop_on, enter_path, is, menu, press_in_dialog,
+    train, wait, wait_for_picture, wait_for_text, window,
 };
 use super::inspect::{MIDDLE, click_at};
 use crate::common::adapter::turn;
 use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2, ViewportCommand, ViewportId};
 use egui_kittest::kittest::Queryable;
 use std::path::Path;
+use std::time::Instant;
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
 
@@ -232,11 +233,13 @@ fn the_title_names_what_is_open_and_recent_things_open_again() {
     let mut titles = Vec::new();
     for path in [&a, &b] {
         drop_on(&mut window, path);
-        wait(&mut window, "ready", {
-            let path = path.clone();
-            move |s| s.snapshot().opened.as_ref().is_some_and(|o| o.path.as_ref() == Some(&path))
-        });
-        for _ in 0..3 {
+        // Step by step, because each has its own commands.
+        let started = Instant::now();
+        let mut after = 0;
+        while after < 3 {
+            assert!(started.elapsed() < PATIENCE, "{} is not open", path.display());
+            let opened = window.state().snapshot().opened.clone();
+            after += usize::from(opened.is_some_and(|o| o.path.as_ref() == Some(path)));
             let commands = window.output().viewport_output.get(&ViewportId::ROOT);
             titles.extend(commands.into_iter().flat_map(|v| v.commands.clone()).filter_map(
                 |command| match command {

@@ -5,13 +5,13 @@
 //! bits would be incompressible noise.
 
 use super::quantise::{
-    fixed, scale, to_coefficient, to_color, to_first_three, to_fixed, to_opacity, to_scale,
-    to_smallest_three,
+    coefficient, fixed, scale, to_coefficient, to_color, to_first_three, to_fixed, to_opacity,
+    to_scale, to_smallest_three,
 };
 use super::read::{COLUMN_NAMES, IS_ANTIALIASED, MAGIC, NGSP_BYTES};
 use crate::export::error::Fault;
 use crate::export::format::SpzVersion;
-use crate::export::gaussian::{Gaussian, directional_to_harmonics};
+use crate::export::gaussian::{Gaussian, directional_to_harmonics, harmonics_to_directional};
 use crate::export::stream::{
     CURVE_BITS, ProgressCounter, SplatRows, morton_order, small_quantile, write_rows,
 };
@@ -120,7 +120,7 @@ impl SpzLayout {
                 9,
             ),
             (Box::new(|g, row| row.push(to_opacity(g.opacity))), 1),
-            (Box::new(|g, row| row.extend(to_color(g.color))), 3),
+            (Box::new(|g, row| row.extend(to_color(color(g)))), 3),
             (Box::new(|g, row| row.extend(to_scale(g.scale))), 3),
         ];
         encoders.push(match self.version {
@@ -136,6 +136,13 @@ impl SpzLayout {
         }
         encoders
     }
+}
+
+/// Returns the colour with what rounding takes off the harmonics in the mean direction from which the splat was observed.
+fn color(g: &Gaussian) -> DVec3 {
+    let held = |v: f64| coefficient(to_coefficient(v));
+    let stored = directional_to_harmonics(g.directional).map(|v| v.map(held));
+    g.color + (g.directional - harmonics_to_directional(stored)) * g.seen
 }
 
 type Encode = Box<dyn Fn(&Gaussian, &mut Vec<u8>) + Sync>;
