@@ -235,7 +235,8 @@ fn level(points: [DVec3; 3], up: DVec3) -> Result<DQuat, Fault> {
 
 /// Returns scale, rotation and the two centres that minimise the squared distances of control points.
 fn fitted(pairs: &[[DVec3; 2]], scale: Option<f64>) -> Result<(f64, DQuat, [DVec3; 2]), Fault> {
-    let sides = [0, 1].map(|side| pairs.iter().map(|pair| pair[side]).collect::<Vec<_>>());
+    let (from, to): (Vec<DVec3>, Vec<DVec3>) = pairs.iter().map(|[from, to]| (*from, *to)).unzip();
+    let sides = [from, to];
     if sides.iter().any(|points| is_line(points)) {
         let expected = "control points that are not on a line";
         return Err(Fault::setting("--to", expected, format!("{} on one", pairs.len())));
@@ -262,7 +263,7 @@ fn is_line(points: &[DVec3]) -> bool {
         .iter()
         .fold(Sym3::diagonal(0.0), |sum, p| sum.add_scaled(1.0, Sym3::outer(*p - centre)));
     let [along, across, _] = scatter.eigen().values.to_array();
-    !(across > LINE * LINE * along)
+    !(along + across).is_finite() || across <= LINE * LINE * along
 }
 
 /// Reads control points from a text: in each line a position in the world and its coordinates, six numbers. Empty
