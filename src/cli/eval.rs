@@ -24,7 +24,7 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     let mut model = model::load(&args.model)?;
     let calibrated_photographs = args.calibration.is_some();
     let asked = LoadOptions { calibrated_photographs, ..args.reading.load_options() };
-    let dataset = model.open_dataset(&args.dataset, &asked)?;
+    let dataset = model.open_dataset(&args.dataset, asked)?;
     print_dataset_notes(&dataset);
     if let Some(found) = &model.trajectory {
         note!("note: {}", tracked::summary(found, found.error(&dataset).as_ref()));

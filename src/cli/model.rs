@@ -67,8 +67,8 @@ impl Model {
     ///
     /// # Errors
     /// Those of opening. Tracked poses were requested, but the model has none.
-    pub fn open_dataset(&mut self, path: &Path, asked: &LoadOptions) -> Result<Dataset, Failure> {
-        let open = |model: &Self| Ok(dataset::open(path, &model.load_options(asked.clone())?)?);
+    pub fn open_dataset(&mut self, path: &Path, asked: LoadOptions) -> Result<Dataset, Failure> {
+        let open = |model: &Self| Ok(dataset::open(path, &model.load_options(asked)?)?);
         let dataset: Dataset = open(self)?;
         let up = dataset.up(dataset.training_split().unwrap_or(0));
         let Some(from) = self.defined_up.replace(up).filter(|from| *from != up) else {

@@ -44,7 +44,7 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     let mut model = model::load(&args.model)?;
     let dataset = args.dataset.as_deref();
     let dataset =
-        dataset.map(|path| model.open_dataset(path, &LoadOptions::default())).transpose()?;
+        dataset.map(|path| model.open_dataset(path, LoadOptions::default())).transpose()?;
     let mut painter = Painter {
         framing: framing(model.splats.iter()),
         splats: model.splats.view(),
