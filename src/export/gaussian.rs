@@ -117,6 +117,13 @@ impl Gaussian {
         Self { mean: factor * self.mean, scale: factor * self.scale, ..self }
     }
 
+    /// Replaces the slope of the colour by one that a file can hold. The colour stays as it is from the mean direction
+    /// from which the splat was observed.
+    pub fn with_slope(self, directional: DMat3) -> Self {
+        let color = self.color + (self.directional - directional) * self.seen;
+        Self { color, directional, ..self }
+    }
+
     pub fn shifted(self, shift: DVec3) -> Self {
         Self { mean: self.mean + shift, ..self }
     }

@@ -391,8 +391,7 @@ fn palette(rows: &impl SplatRows, pixels: &[u32]) -> Vec<[f32; N_VALUES]> {
     entries
 }
 
-/// Rows whose harmonics are those of a palette. Colours are corrected so that nothing changes from the mean direction
-/// from which a splat was observed.
+/// Rows whose harmonics are those of a palette.
 struct Labelled<'a, R> {
     rows: &'a R,
     /// Entries of the palette as matrices of directional colour.
@@ -423,9 +422,7 @@ impl<R: SplatRows> SplatRows for Labelled<'_, R> {
     fn row(&self, row: usize) -> Gaussian {
         let exact = self.rows.row(row);
         let Some(label) = self.labels.get(row) else { return exact };
-        let directional = self.entries[usize::from(*label)];
-        let color = exact.color + (exact.directional - directional) * exact.seen;
-        Gaussian { color, directional, ..exact }
+        exact.with_slope(self.entries[usize::from(*label)])
     }
 
     fn has_directions(&self) -> bool {

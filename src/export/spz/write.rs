@@ -142,7 +142,7 @@ impl SpzLayout {
 fn color(g: &Gaussian) -> DVec3 {
     let held = |v: f64| coefficient(to_coefficient(v));
     let stored = directional_to_harmonics(g.directional).map(|v| v.map(held));
-    g.color + (g.directional - harmonics_to_directional(stored)) * g.seen
+    g.with_slope(harmonics_to_directional(stored)).color
 }
 
 type Encode = Box<dyn Fn(&Gaussian, &mut Vec<u8>) + Sync>;
