@@ -1,7 +1,8 @@
 //! Arguments of `export`.
 
 use crate::cli::args::{
-    axis, documented_choice, parse_box, parse_count, parse_positive, parse_unit_scale,
+    axis, documented_choice, parse_box, parse_count, parse_numbers, parse_positive,
+    parse_unit_scale,
 };
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -118,9 +119,7 @@ pub fn parse_length(text: &str) -> Option<(f64, bool)> {
 }
 
 pub fn parse_point(text: &str) -> Result<DVec3, String> {
-    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
-    let point = numbers.and_then(|numbers| Some(DVec3::from_array(numbers.try_into().ok()?)));
-    let point = point.filter(|point| point.is_finite());
+    let point = parse_numbers(text).map(DVec3::from_array).filter(|point| point.is_finite());
     point.ok_or_else(|| "expected three numbers X,Y,Z".to_owned())
 }
 

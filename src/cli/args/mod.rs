@@ -269,6 +269,12 @@ pub fn parse_seconds(text: &str) -> Result<Duration, String> {
     time.ok_or_else(|| "expected a number of seconds above 0".to_owned())
 }
 
+/// Parses numbers between commas. `None` if one is malformed or their count is another.
+fn parse_numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    numbers?.try_into().ok()
+}
+
 pub fn parse_box(text: &str) -> Result<[DVec3; 2], String> {
     // A malformed number leaves fewer than six.
     let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();

@@ -1,6 +1,6 @@
 //! Arguments of `render`.
 
-use crate::cli::args::{axis, choice, parse_color, parse_count, parse_size};
+use crate::cli::args::{axis, choice, parse_color, parse_count, parse_numbers, parse_size};
 use crate::cli::failure::Failure;
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -73,10 +73,9 @@ pub enum PaintName {
 }
 
 fn parse_orbit(text: &str) -> Result<[f64; 3], String> {
-    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
-    match numbers.as_deref() {
+    match parse_numbers(text) {
         // From farther away, positions differ from the camera's by less than their rounding.
-        Some(&[azimuth, elevation, distance])
+        Some([azimuth, elevation, distance])
             if [azimuth, elevation].iter().all(|angle| angle.abs() <= 360.0)
                 && (0.0..=1e9).contains(&distance)
                 && distance > 0.0 =>
