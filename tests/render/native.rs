@@ -114,7 +114,11 @@ fn textures_composed_as_they_are_read_give_the_same_picture() {
         texture.predicted = [[1 << 24, 1 << 25 >> (id % 2)], [0, 1 << 24]];
         for i in (0..texture.index.len() * 16).filter(|i| (i / 16 + id) % 5 > 0) {
             let color = [0, 1, 2].map(|c| ((i * 37 + id * 91 + c * 400) % 1200) as i16);
-            texture.add(&Observed { texel: i as u16, weight: 1 + (i * 29 % 256) as u16, color });
+            texture.open().add(&Observed {
+                texel: i as u16,
+                weight: 1 + (i * 29 % 256) as u16,
+                color,
+            });
         }
         (id % 7 > 0).then(|| Arc::new(texture))
     };

@@ -47,7 +47,7 @@ pub(super) fn sections(state: &PhotometricState) -> Vec<Section<'_>> {
     let predicted: Vec<[[i64; 2]; 2]> = textures().map(|t| t.predicted).collect();
     // Borrowed: textures may hold hundreds of megabytes.
     let indices = textures().map(|t| bytemuck::cast_slice(&t.index));
-    let texels = textures().map(|t| bytemuck::cast_slice(&t.patches));
+    let texels = textures().map(|t| bytemuck::cast_slice(&t.patches[..]));
     sections.extend([
         Section::owned::<u32>(TEXTURE_IDS, ids.collect()),
         Section::owned::<f32>(TEXTURE_LATTICES, lattices.into_flattened()),
@@ -116,7 +116,7 @@ pub(super) fn read(sections: &Container, n: usize) -> Result<Textures, Defect> {
             former: Vec::new(),
             predicted: bytemuck::cast(predicted),
             index: index.into_flattened(),
-            patches: bytemuck::cast_vec::<_, [TexelSums; TEXELS]>(patches),
+            patches: Arc::new(bytemuck::cast_vec::<_, [TexelSums; TEXELS]>(patches)),
         })));
     }
     read_former(sections, &mut textures)?;

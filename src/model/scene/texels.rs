@@ -81,8 +81,53 @@ pub struct TextureSums {
     pub predicted: [[i64; 2]; 2],
     /// Index into `patches` of each patch of the lattice, row-major; [`ABSENT`] for patches without texels.
     pub index: Vec<u16>,
-    /// Sums of the texels, by patch.
-    pub patches: Vec<[TexelSums; TEXELS]>,
+    /// Sums of the texels, by patch. Shared, so that a copy whose predictions alone change needs no memory for
+    /// them.
+    pub patches: Arc<Vec<[TexelSums; TEXELS]>>,
+}
+
+/// Texels of one texture while pixels are added.
+// `Arc::make_mut` counts references atomically, which would take longer than adding a pixel.
+pub struct OpenTexels<'a> {
+    lattice: Lattice,
+    index: &'a mut [u16],
+    patches: &'a mut Vec<[TexelSums; TEXELS]>,
+}
+
+impl OpenTexels<'_> {
+    /// Adds a pixel.
+    pub fn add(&mut self, observed: &Observed) {
+        let (number, weight) = (usize::from(observed.texel), i32::from(observed.weight));
+        let [r, g, b] = observed.color;
+        let color = [weight * i32::from(r), weight * i32::from(g), weight * i32::from(b)];
+        let texel = self.numbered_mut(number / TEXELS, number % TEXELS);
+        texel.add(&TexelSums { weight: observed.weight.into(), color });
+    }
+
+    fn texel_mut(&mut self, at: [usize; 2]) -> &mut TexelSums {
+        let (patch, within) = self.lattice.patch_of(at);
+        self.numbered_mut(patch, within)
+    }
+
+    /// Returns a texel of a patch that exists.
+    fn known_mut(&mut self, at: [usize; 2]) -> Option<&mut TexelSums> {
+        let (patch, within) = self.lattice.patch_of(at);
+        Some(&mut self.patches.get_mut(usize::from(self.index[patch]))?[within])
+    }
+
+    /// Returns texel `within` of a patch of the lattice.
+    #[inline(always)]
+    fn numbered_mut(&mut self, patch: usize, within: usize) -> &mut TexelSums {
+        if self.index[patch] == ABSENT {
+            self.index[patch] = self.patches.len() as u16;
+            if self.patches.len() == self.patches.capacity() {
+                // A vector would double its memory, of which scenes with textures have hundreds of megabytes.
+                self.patches.reserve_exact(self.patches.len() / 4 + 1);
+            }
+            self.patches.push([TexelSums::default(); TEXELS]);
+        }
+        &mut self.patches[usize::from(self.index[patch])][within]
+    }
 }
 
 impl TextureSums {
@@ -95,7 +140,7 @@ impl TextureSums {
         let axes = [axes[(thin + 1) % 3], axes[(thin + 2) % 3]];
         let lattice = Lattice { anchor: splat.mean, axes, half, level: 0 };
         let (former, predicted) = (Vec::new(), [[0; 2]; 2]);
-        Self { lattice, former, predicted, index: vec![ABSENT], patches: Vec::new() }
+        Self { lattice, former, predicted, index: vec![ABSENT], patches: Arc::default() }
     }
 
     /// Returns the memory used, in bytes.
@@ -156,11 +201,12 @@ impl TextureSums {
         parts: u32,
     ) {
         let old = std::mem::replace(self, self.emptied(Lattice { level, ..self.lattice }));
+        let mut texels = self.open();
         old.for_each(|at, sums| {
             let part = sums.scaled_to(sums.weight / parts);
             // A patch without any weight would only take memory.
             if part.weight > 0 {
-                into(at).for_each(|to| self.texel_mut(to).join(&part));
+                into(at).for_each(|to| texels.texel_mut(to).join(&part));
             }
         });
     }
@@ -185,10 +231,11 @@ impl TextureSums {
     /// Adds the texels of another lattice at their places in the world, as far as this one covers them.
     fn join_texels(&mut self, other: &Self) {
         let (lattice, side) = (self.lattice, self.lattice.side() as f64);
+        let mut texels = self.open();
         other.for_each(|[x, y], sums| {
             let place = lattice.place_of(other.lattice.point_at([x as f64 + 0.5, y as f64 + 0.5]));
             if place.iter().all(|v| (0.0..side).contains(v)) {
-                self.texel_mut(place.map(|v| v as usize)).join(sums);
+                texels.texel_mut(place.map(|v| v as usize)).join(sums);
             }
         });
     }
@@ -197,7 +244,7 @@ impl TextureSums {
     fn emptied(&self, lattice: Lattice) -> Self {
         let index = vec![ABSENT; (lattice.side() / PATCH).pow(2)];
         let (former, predicted) = (self.former.clone(), self.predicted);
-        Self { lattice, former, predicted, index, patches: Vec::new() }
+        Self { lattice, former, predicted, index, patches: Arc::default() }
     }
 
     /// Calls `f` for all observed texels in row-major order of patches.
@@ -217,32 +264,10 @@ impl TextureSums {
         self.patch(patch).map(|patch| &patch[within])
     }
 
-    fn texel_mut(&mut self, at: [usize; 2]) -> &mut TexelSums {
-        let (patch, within) = self.lattice.patch_of(at);
-        self.numbered_mut(patch, within)
-    }
-
-    /// Returns texel `within` of a patch of the lattice.
-    #[inline(always)]
-    fn numbered_mut(&mut self, patch: usize, within: usize) -> &mut TexelSums {
-        if self.index[patch] == ABSENT {
-            self.index[patch] = self.patches.len() as u16;
-            if self.patches.len() == self.patches.capacity() {
-                // A vector would double its memory, of which scenes with textures have hundreds of megabytes.
-                self.patches.reserve_exact(self.patches.len() / 4 + 1);
-            }
-            self.patches.push([TexelSums::default(); TEXELS]);
-        }
-        &mut self.patches[usize::from(self.index[patch])][within]
-    }
-
-    /// Adds a pixel.
-    pub fn add(&mut self, observed: &Observed) {
-        let (number, weight) = (usize::from(observed.texel), i32::from(observed.weight));
-        let [r, g, b] = observed.color;
-        let color = [weight * i32::from(r), weight * i32::from(g), weight * i32::from(b)];
-        let texel = self.numbered_mut(number / TEXELS, number % TEXELS);
-        texel.add(&TexelSums { weight: observed.weight.into(), color });
+    /// Returns the texels for adding to them.
+    pub fn open(&mut self) -> OpenTexels<'_> {
+        let Self { lattice, index, patches, .. } = self;
+        OpenTexels { lattice: *lattice, index, patches: Arc::make_mut(patches) }
     }
 
     /// Adds a pixel's products.
@@ -297,9 +322,10 @@ impl TextureSums {
         }
         // Sums of squares stay such even if the textures are not versions of one.
         gained.predicted.iter_mut().for_each(|[_, power]| *power = (*power).max(0));
+        let mut texels = gained.open();
         earlier.for_each(|at, before| {
-            if gained.texel(at).is_some() {
-                gained.texel_mut(at).subtract(before);
+            if let Some(texel) = texels.known_mut(at) {
+                texel.subtract(before);
             }
         });
         gained
@@ -470,7 +496,8 @@ mod tests {
 
     fn of<'a>(level: u8, observed: impl IntoIterator<Item = &'a Observed>) -> TextureSums {
         let mut texture = empty(level);
-        observed.into_iter().for_each(|observed| texture.add(observed));
+        let mut texels = texture.open();
+        observed.into_iter().for_each(|observed| texels.add(observed));
         texture
     }
 
@@ -561,7 +588,7 @@ mod tests {
         let mut start = of(1, &before);
         let mut later = start.clone();
         later.refine(2);
-        after.iter().for_each(|observed| later.add(observed));
+        after.iter().for_each(|observed| later.open().add(observed));
         let gained = later.gained_since(&start);
         assert_equal(&gained, &of(2, &after));
         start.merge(&gained);
@@ -590,8 +617,8 @@ mod tests {
         assert!(later.is_laid_anew_since(&start) && !start.is_laid_anew_since(&later));
         let (mut expected, more) = (later.emptied(later.lattice), observations(900, 32, 11));
         for observed in &more {
-            later.add(observed);
-            expected.add(observed);
+            later.open().add(observed);
+            expected.open().add(observed);
         }
         let gained = later.gained_since(&start);
         assert_eq!(sums(&gained), sums(&expected));
@@ -654,6 +681,19 @@ mod tests {
     }
 
     #[test]
+    fn copies_share_texels_until_pixels_are_added() {
+        let stored = of(1, &observations(200, 8, 12));
+        let mut judged = stored.clone();
+        judged.fade();
+        judged.add_products(&[[800, -80], [8, 0]]);
+        assert!(Arc::ptr_eq(&stored.patches, &judged.patches) && stored != judged);
+        let before = sums(&stored);
+        judged.open().add(&observations(1, 8, 13)[0]);
+        assert!(!Arc::ptr_eq(&stored.patches, &judged.patches));
+        assert!(sums(&stored) == before && sums(&judged) != before);
+    }
+
+    #[test]
     fn earlier_photographs_fade() {
         let mut texture = empty(0);
         texture.add_products(&[[800, -80], [8, 0]]);
@@ -683,7 +723,7 @@ mod tests {
         let mut texture = of(1, &observations(200, 8, 7));
         // Exact predictions are trusted; only positive colours can be drawn.
         texture.predicted = [[1 << 30, 1 << 30], [0, 1 << 30]];
-        for texel in texture.patches.iter_mut().flatten() {
+        for texel in Arc::make_mut(&mut texture.patches).iter_mut().flatten() {
             texel.color = texel.color.map(i32::abs);
         }
         let (drawn, side) = (texture.drawn(), texture.lattice.side());

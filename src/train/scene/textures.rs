@@ -5,7 +5,7 @@ use crate::math::image::{Image, split_by_sizes};
 use crate::math::measured_pixel::{MASKED, MeasuredPixel};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::texels::{
-    COLOR_ONE, MAX_COLOR, Observed, PRODUCT_ONE, Products, TextureSums, WEIGHT_ONE,
+    COLOR_ONE, MAX_COLOR, Observed, OpenTexels, PRODUCT_ONE, Products, TextureSums, WEIGHT_ONE,
 };
 use crate::model::splat::appearance::SplatView;
 use crate::model::splat::splats::Splat;
@@ -119,7 +119,7 @@ impl TextureLearner {
         let parts = self.visit(state, &camera, taken.near, &shown, &mut runs, |tile, to| {
             list_observed(tile, taken, &state.textures, to);
         });
-        self.change(&mut state.textures, &parts, &runs, |_| (), TextureSums::add);
+        self.change(&mut state.textures, &parts, &runs, TextureSums::open, OpenTexels::add);
         self.observed = runs;
         if state.coarsen_textures_to(budget) {
             self.forget_drawn();
@@ -139,8 +139,16 @@ impl TextureLearner {
         let parts = self.visit(state, &view.camera, view.near, &shown, &mut runs, |tile, to| {
             list_products(tile, view.rows, photograph, &state.textures, to);
         });
-        let (fade, add) = (TextureSums::fade, TextureSums::add_products);
-        self.change(&mut state.textures, &parts, &runs, fade, add);
+        self.change(
+            &mut state.textures,
+            &parts,
+            &runs,
+            |texture| {
+                texture.fade();
+                texture
+            },
+            |texture, products| texture.add_products(products),
+        );
         self.products = runs;
     }
 
@@ -176,14 +184,14 @@ impl TextureLearner {
         parts
     }
 
-    /// Calls `begin` once for every texture that has listed items, and `change` for every item.
-    fn change<T: Sync>(
+    /// Calls `begin` once for every texture that has listed items, and `change` with its result for every item.
+    fn change<'s, T: Sync, O>(
         &mut self,
-        textures: &mut [Option<Arc<TextureSums>>],
+        textures: &'s mut [Option<Arc<TextureSums>>],
         parts: &ComponentParts,
         runs: &[Lists<T>],
-        begin: impl Fn(&mut TextureSums) + Sync,
-        change: impl Fn(&mut TextureSums, &T) + Sync,
+        begin: impl Fn(&'s mut TextureSums) -> O + Sync,
+        change: impl Fn(&mut O, &T) + Sync,
     ) {
         self.drawn.resize_with(textures.len(), OnceLock::new);
         let drawn = split_by_sizes(&mut self.drawn, parts.sizes());
@@ -209,9 +217,8 @@ impl TextureLearner {
                     rest = rest.split_off_mut(skipped..).unwrap_or_default();
                     let texture = rest.split_off_first_mut().and_then(Option::as_mut);
                     let Some(texture) = texture.map(Arc::make_mut) else { continue };
-                    begin(texture);
+                    changed.push(begin(texture));
                     drawn[row].take();
-                    changed.push(texture);
                     numbers[row] = changed.len() as u32;
                 }
                 for (component, item) in items() {

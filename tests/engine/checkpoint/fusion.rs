@@ -202,7 +202,8 @@ fn textures_of_the_start_count_once_where_shards_laid_them_anew() {
         for i in 0..n {
             let at = [5 + i % 6, 5 + i / 6 % 6].map(usize::from);
             let color = [200 + 9 * i as i16, 400, 100];
-            texture.add(&Observed { texel: texture.lattice.number_of(at), weight: 256, color });
+            let texel = texture.lattice.number_of(at);
+            texture.open().add(&Observed { texel, weight: 256, color });
         }
     };
     let begun = |splat: &Splat| {

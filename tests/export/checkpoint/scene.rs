@@ -197,7 +197,7 @@ fn textured() -> Checkpoint {
         texture.refine(level);
         let side = texture.lattice.side();
         for _ in 0..40 {
-            texture.add(&Observed {
+            texture.open().add(&Observed {
                 texel: (rng.below(side / 2) * side + rng.below(side)) as u16,
                 weight: 1 + rng.below(256) as u16,
                 color: [0; 3].map(|_| rng.below(4097) as i16 - 2048),
@@ -340,7 +340,7 @@ fn textures_are_written_without_a_copy_and_only_if_they_can_be_read() {
         former: Vec::new(),
         predicted: [[0; 2]; 2],
         index: (0..1024).collect(),
-        patches: vec![[TexelSums { weight: 1, color: [9; 3] }; 16]; 1024],
+        patches: Arc::new(vec![[TexelSums { weight: 1, color: [9; 3] }; 16]; 1024]),
     };
     photometric(&mut large).textures = (0..N).map(|_| Some(Arc::new(texture.clone()))).collect();
     let bytes = photometric(&mut large).texture_bytes();
