@@ -133,8 +133,11 @@ impl ActionFinder {
     fn search(&mut self, ui: &mut Ui) {
         let field = TextEdit::singleline(&mut self.query).hint_text("Find an action");
         let field = named(ui.add(field.desired_width(f32::INFINITY)), "Find an action");
-        // In every pass: the finder exists only to type and choose.
-        field.request_focus();
+        // The finder exists only to type and choose.
+        if !field.has_focus() {
+            field.request_focus();
+            tracing::debug!("shown: the list of actions");
+        }
         if field.changed() {
             self.chosen_index = 0;
         }

@@ -404,6 +404,7 @@ impl PathDialog {
         let field = named(ui.add(field), "Path");
         if std::mem::take(&mut self.takes_focus) {
             field.request_focus();
+            tracing::debug!("shown: a dialog for a path");
         }
         if field.changed() {
             self.problem = None;

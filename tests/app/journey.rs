@@ -40,16 +40,16 @@ impl Hand {
             let lines = lines.map_while(Result::ok);
             lines.for_each(|line| told.lock().unwrap().push((Instant::now(), line)));
         });
-        let found = Command::new("xdotool")
-            .args(["search", "--sync", "--pid", &child.id().to_string()])
-            .output()
-            .unwrap();
-        let found = String::from_utf8(found.stdout).unwrap();
+        let found = said_by_xdotool(&["search", "--sync", "--pid", &child.id().to_string()]);
         let window = found.lines().last().expect("a window").to_owned();
         let hand = Self { running: Running(child), window, log };
         hand.wait_for("the first pass", |hand| hand.said("window after").is_some());
-        // Without a window manager the window does not get the keyboard focus by itself.
-        xdotool(&["windowfocus", "--sync", &hand.window]);
+        // Without a window manager the window does not get the keyboard focus by itself, and a window that is
+        // not shown yet cannot have it.
+        hand.wait_for("the keyboard focus", |hand| {
+            xdotool(&["windowfocus", &hand.window]);
+            said_by_xdotool(&["getwindowfocus", "-f"]).trim() == hand.window
+        });
         Some(hand)
     }
 
@@ -86,23 +86,22 @@ impl Hand {
         xdotool(&["key", key]);
     }
 
-    /// Enters a path in the dialog that a shortcut opens.
-    fn enter(&self, key: &str, path: &Path) {
+    /// Enters a text in the dialog that a shortcut opens, over what stands there.
+    fn enter(&self, key: &str, text: &str) {
+        let fields = |hand: &Self| {
+            hand.times("shown: a dialog for a path") + hand.times("shown: the list of actions")
+        };
+        let before = fields(self);
         self.key(key);
-        std::thread::sleep(Duration::from_millis(300));
+        self.wait_for("a text field", |hand| fields(hand) > before);
         self.key("ctrl+a");
-        xdotool(&["type", "--delay", "20", &path.display().to_string()]);
-        std::thread::sleep(Duration::from_millis(200));
+        xdotool(&["type", "--delay", "20", text]);
         self.key("Return");
     }
 
     /// Runs an action from the list of actions.
     fn act(&self, name: &str) {
-        self.key("ctrl+p");
-        std::thread::sleep(Duration::from_millis(300));
-        xdotool(&["type", "--delay", "20", name]);
-        std::thread::sleep(Duration::from_millis(200));
-        self.key("Return");
+        self.enter("ctrl+p", name);
     }
 
     fn click(&self, x: i32, y: i32) {
@@ -112,9 +111,13 @@ impl Hand {
     }
 
     fn title(&self) -> String {
-        let named = Command::new("xdotool").args(["getwindowname", &self.window]).output().unwrap();
-        String::from_utf8_lossy(&named.stdout).into_owned()
+        said_by_xdotool(&["getwindowname", &self.window])
     }
+}
+
+fn said_by_xdotool(arguments: &[&str]) -> String {
+    let output = Command::new("xdotool").args(arguments).output().unwrap();
+    String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
 /// Turns the camera by a drag and waits for further pictures.
@@ -168,7 +171,7 @@ fn a_hand_does_all_that_a_capture_needs() {
     write(&capture, &kitchen, SyntheticLayout::Record3d, &mut |_, _| {}).unwrap();
     let Some(mut hand) = Hand::on(&first, folder.path()) else { return };
     hand.wait_for("the first dataset", |hand| hand.title().starts_with("room"));
-    hand.enter("ctrl+o", &kitchen);
+    hand.enter("ctrl+o", kitchen.to_str().unwrap());
     hand.wait_for("the second dataset", |hand| hand.title().starts_with("kitchen"));
 
     xdotool(&["mousemove", "--window", &hand.window, "300", "300"]);
@@ -195,7 +198,7 @@ fn a_hand_does_all_that_a_capture_needs() {
     hand.wait_for("its end", |hand| hand.times("shown: Finished") > before);
 
     let file = folder.path().join("kitchen.ply");
-    hand.enter("ctrl+e", &file);
+    hand.enter("ctrl+e", file.to_str().unwrap());
     hand.wait_for("the file", |hand| hand.said("Wrote ").is_some());
     assert!(export::read(&file).unwrap().splats.len() > 100);
 
@@ -299,7 +302,7 @@ fn figures_of_a_recording() {
     xdotool(&resize);
     xdotool(&["mousemove", "--window", &hand.window, "300", "300"]);
 
-    hand.enter("ctrl+o", &path);
+    hand.enter("ctrl+o", path.to_str().unwrap());
     let asked = Instant::now();
     hand.wait_for("the recording", |hand| hand.times("shown: Ready") == 2);
     let open = asked.elapsed();
