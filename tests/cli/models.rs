@@ -130,6 +130,7 @@ fn exports_are_chosen_turned_scaled_and_meshed() {
         ("-o a.ply --as mesh --sh3-padding", &["--sh3-padding: a setting of splats"][..]),
         ("-o a.ply --cell 0.1", &["--cell: a setting of meshes"]),
         ("-o a.ply --crop 1,2,3", &["--crop", "expected six numbers X,Y,Z,X,Y,Z"]),
+        ("-o a.ply --crop 1,2,3,4,5,6,x", &["--crop", "expected six numbers X,Y,Z,X,Y,Z"]),
         ("-o a.ply --unit-scale 0", &["--unit-scale", "expected a factor from 1e-9 to 1e9"]),
     ] {
         scratch.run(&format!("export all.ply {options}")).fails(2, parts);

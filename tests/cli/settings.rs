@@ -38,6 +38,12 @@ fn a_file_sets_and_the_command_line_wins() {
     assert_eq!(config["components"], 700, "other settings are unchanged");
     fs::write(scratch.path("dense.ron"), "(candidates: \"dense\", components: 500)").unwrap();
     assert_eq!(config_of(&scratch, "--config dense.ron")["candidates"], "dense");
+    // A file takes the names of the command line as well as those it is written with.
+    for name in ["legacy-cov", "legacy-cholesky"] {
+        fs::write(scratch.path("form.ron"), format!("(covariance_form: r#{name})")).unwrap();
+        let config = config_of(&scratch, "--config form.ron");
+        assert_eq!(config["conversion"]["form"], "legacy-cholesky");
+    }
 }
 
 #[test]

@@ -12,7 +12,10 @@ mod train;
 #[cfg(feature = "bench")]
 pub use bench::PrecisionSearchArgs;
 #[cfg(feature = "bench")]
-pub use bench::{BenchName, CommonArgs, DatasetBenchArgs, HistoryArgs, RenderBenchArgs};
+pub use bench::{
+    BenchName, CommonArgs, DatasetBenchArgs, HistoryArgs, RenderBenchArgs, ReportBenchArgs,
+    ViewsBenchArgs,
+};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -276,14 +279,10 @@ fn parse_numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
 }
 
 pub fn parse_box(text: &str) -> Result<[DVec3; 2], String> {
-    // A malformed number leaves fewer than six.
-    let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
-    match numbers[..] {
-        [a, b, c, d, e, f] if numbers.iter().all(|n| n.is_finite()) => {
-            Ok([DVec3::new(a, b, c), DVec3::new(d, e, f)])
-        }
-        _ => Err("expected six numbers X,Y,Z,X,Y,Z: two opposite corners".to_owned()),
-    }
+    let numbers = parse_numbers(text).filter(|numbers| numbers.iter().all(|n| n.is_finite()));
+    let [a, b, c, d, e, f] =
+        numbers.ok_or("expected six numbers X,Y,Z,X,Y,Z: two opposite corners")?;
+    Ok([DVec3::new(a, b, c), DVec3::new(d, e, f)])
 }
 
 pub fn parse_color(text: &str) -> Result<[f32; 3], String> {

@@ -33,14 +33,17 @@ pub struct Splat {
     pub rotation: [f32; 4],
 }
 
-/// Decomposition of a covariance into scales and a rotation (`model.md`, From posterior to splat).
+/// Decomposition of a covariance into scales and a rotation (`model.md`, From posterior to splat). A second name is
+/// that of the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CovarianceForm {
     /// Eigen-decomposition, which represents the covariance exactly.
+    #[serde(alias = "right")]
     Eigen,
     /// Cholesky rows interpreted as a rotation, as in the reference exporter. Correct for diagonal
     /// covariances only; used to reproduce the reference's figures.
+    #[serde(alias = "legacy-cov")]
     LegacyCholesky,
 }
 
