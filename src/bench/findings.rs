@@ -6,6 +6,7 @@
 
 use crate::dataset::error::{DatasetError, FrameError};
 use crate::dataset::synthetic::ParamsError;
+use crate::dataset::synthetic::write::WriteError;
 use crate::eval::report;
 use crate::eval::report::MachineReport;
 use crate::eval::views::EvalError;
@@ -50,6 +51,8 @@ pub enum BenchError {
     Dataset(#[from] DatasetError),
     #[error("{0}")]
     Frame(#[from] FrameError),
+    #[error("writing a synthetic recording failed: {0}")]
+    Recording(#[from] WriteError),
     #[error(
         "counting instructions with valgrind failed: {0}; install it, such as by `apt-get install valgrind`"
     )]

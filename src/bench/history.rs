@@ -53,6 +53,9 @@ const MOST_LOSS: f64 = 0.05;
 const RECORDINGS: [&str; 2] = ["kinect_office", "lego400"];
 const VIEWS: usize = 10;
 
+/// Number of choices in a run of [`Kernel::Destinations`].
+const CHOICES: usize = 32;
+
 /// Size of a kernel's input.
 #[derive(Clone, Copy, Debug)]
 pub struct KernelSize {
@@ -151,8 +154,11 @@ impl Kernel {
                 let quota = Quota { moves: side, low_elbo: 8 * side };
                 let (stream, mut chooser) =
                     (Rng::new(0, Purpose::Reassign, 1), DestinationChooser::default());
+                // One choice takes a tenth of the instructions of a start, which the counter subtracts.
                 Box::new(move || {
-                    black_box(chooser.choose_destinations(&q, quota, &stream).len());
+                    for _ in 0..CHOICES {
+                        black_box(chooser.choose_destinations(&q, quota, &stream).len());
+                    }
                     Ok(())
                 })
             }

@@ -8,6 +8,7 @@ pub mod paper;
 mod plot;
 pub mod protocol;
 pub mod render;
+pub mod report;
 pub mod scene;
 
 use crate::dataset::Dataset;

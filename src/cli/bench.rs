@@ -2,7 +2,7 @@
 
 use super::args::{
     BenchName, CommonArgs, DatasetBenchArgs, HistoryArgs, PrecisionSearchArgs, ReadArgs,
-    RenderBenchArgs,
+    RenderBenchArgs, ReportBenchArgs, ViewsBenchArgs,
 };
 use super::failure::Failure;
 use super::train::print_dataset_notes;
@@ -11,7 +11,7 @@ use anyhow::anyhow;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use vbgs_studio::bench::findings::{Bench, BenchError, Progress};
+use vbgs_studio::bench::findings::{Bench, BenchError, BenchOptions, Progress};
 use vbgs_studio::bench::history;
 use vbgs_studio::bench::history::HistoryPlan;
 use vbgs_studio::bench::paper::ablation::AblationPlan;
@@ -23,8 +23,10 @@ use vbgs_studio::bench::protocol::ProtocolPlan;
 #[cfg(feature = "gui")]
 use vbgs_studio::bench::render::BenchDevice;
 use vbgs_studio::bench::render::{BenchScene, RenderPlan};
-use vbgs_studio::bench::scene::{AccuracyPlan, retention};
-use vbgs_studio::bench::{protocol, render, scene};
+use vbgs_studio::bench::report::ReportPlan;
+use vbgs_studio::bench::scene::views::ViewsPlan;
+use vbgs_studio::bench::scene::{AccuracyPlan, retention, views};
+use vbgs_studio::bench::{protocol, render, report, scene};
 use vbgs_studio::dataset;
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::export::video::write_png;
@@ -56,6 +58,8 @@ pub fn run(bench: &BenchName) -> Result<(), Failure> {
             }
             measure(&args.common, |progress| protocol::run(&plan, progress))
         }
+        BenchName::Report(args) => run_report(args),
+        BenchName::Views(args) => run_views(args),
         BenchName::Retention(args) => {
             if args.common.repeats.is_some() {
                 return Err(once("retention"));
@@ -99,6 +103,39 @@ fn run_history(args: &HistoryArgs) -> Result<(), Failure> {
         Some(reason) => Err(failed!("--counted: {reason}")),
         None => Ok(()),
     }
+}
+
+fn run_views(args: &ViewsBenchArgs) -> Result<(), Failure> {
+    if args.common.repeats.is_some() {
+        return Err(once("views"));
+    }
+    let plan = ViewsPlan {
+        data: args.data.clone(),
+        kept: args.common.out.join("views"),
+        options: args.common.options(args.max_frames),
+    };
+    measure(&args.common, |progress| views::run(&plan, progress))
+}
+
+fn run_report(args: &ReportBenchArgs) -> Result<(), Failure> {
+    let ReportBenchArgs { data, dataset, out, quick, seed } = args;
+    output::create_folder(out)?;
+    let page = out.with_extension("md");
+    // Checked first: the page must have a place when minutes of work are done.
+    output::check_files(std::slice::from_ref(&page))?;
+    let plan = ReportPlan {
+        data: data.clone(),
+        dataset: dataset.clone().unwrap_or_else(|| data.join("lego400")),
+        out: out.clone(),
+        options: BenchOptions { quick: *quick, max_frames: None, repeats: None, seed: *seed },
+    };
+    let report = output::steps("bench", |progress| report::run(&plan, progress))?;
+    for bench in &report.benches {
+        write_files(out, bench)?;
+    }
+    output::write_text(&page, &report.page)?;
+    out!("wrote {} and its tables and plots to {}", page.display(), out.display());
+    Ok(())
 }
 
 fn once(bench: &str) -> Failure {
@@ -170,10 +207,7 @@ fn measure(
     // Checked first: the result of minutes of work must have a place.
     output::create_folder(&args.out)?;
     let bench = output::steps("bench", work)?;
-    let file = |extension: &str| -> PathBuf { args.out.join(bench.name).with_extension(extension) };
-    output::write_json(&file("json"), &bench.json)?;
-    output::write_text(&file("csv"), &bench.csv)?;
-    write_png(&file("png"), &bench.plot)?;
+    write_files(&args.out, &bench)?;
     if args.json {
         return output::print_json(&bench.json);
     }
@@ -181,6 +215,13 @@ fn measure(
     let name = bench.name;
     out!("wrote {name}.json, {name}.csv and {name}.png to {}", args.out.display());
     Ok(())
+}
+
+fn write_files(out: &Path, bench: &Bench) -> Result<(), Failure> {
+    let file = |extension: &str| -> PathBuf { out.join(bench.name).with_extension(extension) };
+    output::write_json(&file("json"), &bench.json)?;
+    output::write_text(&file("csv"), &bench.csv)?;
+    Ok(write_png(&file("png"), &bench.plot)?)
 }
 
 pub fn run_precision_search(args: &PrecisionSearchArgs) -> Result<(), Failure> {

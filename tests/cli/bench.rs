@@ -49,6 +49,35 @@ fn the_papers_protocol_goes_on_where_it_stopped() {
     scratch.run("bench paper --data found").fails(1, &["found: expected folders of scenes"]);
 }
 
+/// `bench views` has a row for every configuration and group of views, on recordings and synthetic scenes.
+#[test]
+fn views_on_the_path_and_from_the_side_are_scored() {
+    let scratch = Scratch::with_room();
+    std::fs::create_dir(scratch.path("scenes")).unwrap();
+    std::fs::rename(scratch.path("room"), scratch.path("scenes/room")).unwrap();
+    let run = scratch.run("bench views --data scenes --quick --out found").succeeds();
+    assert!(run.stdout.contains("phone before a door"), "{}", run.stdout);
+    let json = scratch.json("found/views.json");
+    let rows = json["rows"].as_array().unwrap();
+    for recording in ["room", "synthetic room", "phone before a door", "phone in a room"] {
+        let mine = |group: &str| {
+            let of =
+                |row: &&serde_json::Value| row["recording"] == recording && row["group"] == group;
+            rows.iter().filter(of).collect::<Vec<_>>()
+        };
+        let path = mine("new views");
+        let names: Vec<&str> =
+            path.iter().map(|row| row["configuration"].as_str().unwrap()).collect();
+        assert_eq!(names, ["points alone", "no textures", "default", "full"], "{recording}");
+        assert!(path.iter().all(|row| row["psnr"].as_f64().unwrap() > 8.0), "{path:?}");
+        let differ = path[0]["psnr"] != path[2]["psnr"] && path[2]["psnr"] != path[3]["psnr"];
+        assert!(differ, "{path:?}");
+        let has_free = recording != "room";
+        assert!(mine("from the side").len() >= if has_free { 4 } else { 0 }, "{recording}");
+    }
+    scratch.run("bench views --repeats 2").fails(2, &["--repeats: "]);
+}
+
 /// `bench retention` scores trained frames after training on them and again at the end.
 #[test]
 fn retention_is_of_frames_and_held_out_views() {

@@ -5,8 +5,8 @@
 //! Times that grow with the number of points are scaled up. The models of these rows saw fewer points,
 //! so their PSNR is comparable only among these rows; a note states this.
 
+use super::runs::{TimedRow, TimedStep, time};
 use super::sample::{TrainingSample, count};
-use super::table::{TimedRow, TimedStep, time};
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress, table};
 use crate::bench::plot::{self, Axis, Mark, Panel, Series};
 use crate::dataset::Dataset;

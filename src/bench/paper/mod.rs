@@ -8,4 +8,3 @@ pub mod precision_search;
 mod runs;
 pub mod sample;
 pub mod scaling;
-mod table;

@@ -6,9 +6,8 @@
 //! random initial means ever receive a point, so a comparison from them would cover few components.
 
 use super::oracle::{DenseOracle, Errors};
-use super::runs::{Runs, with_threads};
+use super::runs::{Runs, TimedRow, TimedStep, time, with_threads};
 use super::sample::{TrainingSample, thin};
-use super::table::{TimedRow, TimedStep, time};
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use crate::bench::plot::{self, Axis, Mark, Panel, Series};
 use crate::dataset::Dataset;

@@ -1,7 +1,7 @@
 //! Rows, table, notes and plot of frame times.
 
 use super::painter::{FramePath, STAGES};
-use super::plan::{RENDERERS, RenderPlan};
+use super::{RENDERERS, RenderPlan};
 use crate::bench::findings::table;
 use crate::bench::plot::{Axis, Mark, Panel, Series};
 use crate::eval::metrics::Spread;

@@ -12,6 +12,7 @@ mod report;
 pub mod retention;
 pub(super) mod training;
 mod variants;
+pub mod views;
 
 use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress, steps};
 use super::plot;

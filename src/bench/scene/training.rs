@@ -8,6 +8,7 @@
 use crate::bench::findings::BenchError;
 use crate::bench::{each_frame, spaced};
 use crate::dataset::Dataset;
+use crate::dataset::splits::HoldOut;
 use crate::dataset::surface::SurfaceSettings;
 use crate::eval::choices::{GroundTruth, ViewPoses};
 use crate::eval::views::EvalOptions;
@@ -45,7 +46,18 @@ pub fn prepare(
     max_frames: usize,
     seed: u64,
 ) -> Result<(Plan, SceneRun, EvalOptions), BenchError> {
-    let all = Plan::new(dataset, &Selection::all_frames(), seed).map_err(SessionError::from)?;
+    prepare_held_out(dataset, HoldOut::default(), max_frames, seed)
+}
+
+/// As [`prepare`], training on the frames that a method leaves.
+pub fn prepare_held_out(
+    dataset: &Dataset,
+    hold_out: HoldOut,
+    max_frames: usize,
+    seed: u64,
+) -> Result<(Plan, SceneRun, EvalOptions), BenchError> {
+    let selection = Selection { hold_out, ..Selection::all_frames() };
+    let all = Plan::new(dataset, &selection, seed).map_err(SessionError::from)?;
     let plan = Plan { frames: spaced(&all.frames, max_frames), ..all };
     let base = SceneRun::new(dataset, &plan, &SceneOverrides::default());
     let base = base.map_err(SessionError::from)?;

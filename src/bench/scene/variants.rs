@@ -56,11 +56,7 @@ const PARTS: [PresetChange; 14] = [
     ("colour gradient", |run| run.engine.splat_rule.gradient = false),
     // At 1 only fully covered pixels count as full, so nothing is filled.
     ("closing", |run| run.engine.splat_rule.full_coverage = 1.0),
-    ("photographs", |run| {
-        run.engine.photometric = None;
-        // Unused, but rows with equal settings share their training.
-        run.engine.texture_mb = 0;
-    }),
+    ("photographs", without_photographs),
     ("textures", |run| run.engine.texture_mb = 0),
     ("poses of photographs", |run| {
         run.engine.photographs_at_points = run.engine.align && run.engine.photometric.is_some();
@@ -92,6 +88,29 @@ const CHANGES: [PresetChange; 8] = [
         run.engine.texture_steps = u32::from(run.engine.texture_mb > 0);
     }),
 ];
+
+/// Configurations of the views bench with their changes of the preset.
+pub const VIEW_VARIANTS: [PresetChange; 4] = [
+    ("points alone", without_photographs),
+    ("no textures", |run| run.engine.texture_mb = 0),
+    ("default", |_| {}),
+    ("full", |run| run.engine.photometric = PhotometricMode::Full.rule()),
+];
+
+/// Returns the configurations of the views bench.
+pub fn view_variants(base: &SceneRun) -> [(&'static str, SceneRun); VIEW_VARIANTS.len()] {
+    VIEW_VARIANTS.map(|(name, change)| {
+        let mut run = base.clone();
+        change(&mut run);
+        (name, run)
+    })
+}
+
+fn without_photographs(run: &mut SceneRun) {
+    run.engine.photometric = None;
+    // Unused, but rows with equal settings share their training.
+    run.engine.texture_mb = 0;
+}
 
 /// Offset that the sensor's profile adds to decoded 8-bit ray depth (`dataset.md`, Sensors), world
 /// units.

@@ -20,10 +20,14 @@ pub enum BenchName {
     Paper(FolderBenchArgs),
     /// Speed against error, varying one setting at a time
     Pareto(DatasetBenchArgs),
+    /// All of the page of benchmarks: every bench on this machine, as Markdown with tables and plots
+    Report(ReportBenchArgs),
     /// Retention: quality of each training view right after its frame and at the end
     Retention(DatasetBenchArgs),
     /// Cost by points, components and threads, on the synthetic room
     Scaling(CommonArgs),
+    /// Views on the camera's path and from the side, from points alone to photographs in full
+    Views(ViewsBenchArgs),
     /// Time per frame by stage, splats and resolution, with both renderers
     Render(RenderBenchArgs),
 }
@@ -83,6 +87,37 @@ pub struct FolderBenchArgs {
     pub max_frames: Option<usize>,
     #[command(flatten)]
     pub common: CommonArgs,
+}
+
+#[derive(Args)]
+pub struct ViewsBenchArgs {
+    /// Folder of recordings; those without depth are skipped [default: synthetic scenes alone]
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// Maximum number of training frames per recording, evenly spaced
+    #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
+    pub max_frames: Option<usize>,
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+#[derive(Args)]
+pub struct ReportBenchArgs {
+    /// Folder of recordings; those without depth are skipped
+    #[arg(long, value_name = "DIR", default_value = "../shared/data")]
+    pub data: PathBuf,
+    /// Recording on which the published algorithm and retention are measured [default: `lego400` of the folder]
+    #[arg(long, value_name = "DATASET")]
+    pub dataset: Option<PathBuf>,
+    /// Output folder for NAME.json, NAME.csv and NAME.png; the page lies beside it, as DIR.md
+    #[arg(long, value_name = "DIR", default_value = "benchmarks")]
+    pub out: PathBuf,
+    /// Run reduced benchmarks, within minutes on two cores
+    #[arg(long)]
+    pub quick: bool,
+    /// Seed of all random streams
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
 }
 
 // Equals the maximum number of components of a model.
