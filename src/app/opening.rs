@@ -10,6 +10,7 @@ use crate::dataset::error::DatasetError;
 use crate::export::ExportError;
 use crate::export::checkpoint::is_checkpoint;
 use crate::export::mapping::is_plain;
+use crate::export::registration::Registration;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
 use crate::model::splat::appearance::SplatSet;
@@ -27,7 +28,8 @@ use std::sync::Arc;
 
 pub enum Content {
     Session(Box<Session>),
-    Model(SplatSet),
+    /// Splats without training state, and the registration of their world.
+    Model(SplatSet, Option<Registration>),
 }
 
 /// Newly opened dataset or model: its content, its properties for panels, and notices.
@@ -259,6 +261,7 @@ pub struct BareSplats {
     up: DVec3,
     /// Up direction in the axes of `splats`, if the format defines its axes.
     pub defined_up: Option<DVec3>,
+    registration: Option<Registration>,
     /// Size of the file, bytes.
     bytes: u64,
 }
@@ -279,6 +282,7 @@ pub fn read_splats(path: &Path) -> Result<BareSplats, OpenError> {
         up: model.up().unwrap_or(DVec3::Z),
         defined_up: model.defined_up,
         local_origin: model.local_origin,
+        registration: None,
         bytes: model.bytes,
         splats: model.splats,
         notices,
@@ -292,12 +296,13 @@ fn scene_of(run: &SavedRun) -> Result<BareSplats, OpenError> {
         notices: Vec::new(),
         up: run.up(),
         defined_up: None,
+        registration: run.meta.registration.clone(),
         bytes: run.bytes,
     })
 }
 
 fn view(path: &Path, scene: BareSplats, serial: u64) -> OpenedSubject {
-    let BareSplats { splats, local_origin, notices, up, bytes, .. } = scene;
+    let BareSplats { splats, local_origin, notices, up, bytes, registration, .. } = scene;
     let framing = framing(splats.iter()).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
     let intrinsics = Intrinsics::from_horizontal_fov(800, 600, MODEL_FOV);
     let orbit = Orbit {
@@ -333,7 +338,8 @@ fn view(path: &Path, scene: BareSplats, serial: u64) -> OpenedSubject {
         calibration: None,
         is_native: !is_plain(splats.view()),
     };
-    OpenedSubject { splats: splats.clone(), opened, notices, content: Content::Model(splats) }
+    let content = Content::Model(splats.clone(), registration);
+    OpenedSubject { splats, opened, notices, content }
 }
 
 const DEMO: &str = "demo";

@@ -8,6 +8,7 @@ use crate::dataset::pose_check::PoseCheck;
 use crate::dataset::surface::sample::FrameSample;
 use crate::dataset::{Dataset, LoadOptions};
 use crate::eval::report::{FrameReport, QualityCurves, SkippedFrame, quantile};
+use crate::export::registration::Registration;
 use crate::math::camera::Camera;
 use crate::model::inspection::Inspection;
 use crate::model::splat::appearance::Appearance;
@@ -194,6 +195,8 @@ pub struct Snapshot {
     /// True if the program is being terminated and training was stored. Windows then close.
     pub is_terminated: bool,
     pub inspected: Option<Arc<Inspected>>,
+    /// Registration of the world, which exports apply.
+    pub registration: Option<Arc<Registration>>,
     pub sampling: FrameSampling,
     /// Quality measured during the run, also before it was resumed.
     pub curves: Arc<QualityCurves>,

@@ -23,6 +23,7 @@ use vbgs_studio::dataset::{Dataset, LoadOptions};
 use vbgs_studio::eval::choices::SEEN_AFTER;
 use vbgs_studio::eval::report::{Report, with_evaluation};
 use vbgs_studio::export::atomic::remove_leftovers;
+use vbgs_studio::export::registration::shift_and_origin;
 use vbgs_studio::export::video::write_png;
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::appearance::SplatSet;
@@ -412,10 +413,12 @@ fn save_scene(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
         comments: &comments,
         up: session.up(),
         local_origin: session.dataset().local_origin(),
+        registration: session.registration(),
         ..WriteOptions::new(ModelFormat::Ply)
     };
     write(&args.out.join(SCENE), &session.splats(), &options)?;
-    warn_of_origin(&args.out.join(SCENE), options.local_origin, ModelFormat::Ply.origin_carrier());
+    let [_, origin] = shift_and_origin(options.registration, options.local_origin);
+    warn_of_origin(&args.out.join(SCENE), origin, ModelFormat::Ply.origin_carrier());
     Ok(())
 }
 

@@ -136,6 +136,23 @@ impl Registration {
         }
     }
 
+    /// Returns the registration whose coordinates are the world.
+    pub fn world(is_metric: bool) -> Self {
+        let rotation = DQuat::IDENTITY.to_array();
+        Self { scale: 1.0, rotation, translation: [0.0; 3], system: None, is_metric }
+    }
+
+    /// Returns the similarity that applies this one and then `next`, with system and unit of this one.
+    pub fn then(&self, next: &Self) -> Self {
+        let [first, second] = [self, next].map(|of| DQuat::from_array(of.rotation));
+        Self {
+            scale: next.scale * self.scale,
+            rotation: (second * first).normalize().to_array(),
+            translation: next.apply(DVec3::from_array(self.translation)).to_array(),
+            ..self.clone()
+        }
+    }
+
     /// Transforms a position in the world to the coordinates.
     pub fn apply(&self, p: DVec3) -> DVec3 {
         let rotation = DQuat::from_array(self.rotation);

@@ -11,6 +11,7 @@ use super::settings::method::MethodRequest;
 use crate::dataset::synthetic::ParamsError;
 use crate::dataset::{Dataset, FrameMarks, range, synthetic};
 use crate::eval::report::{FrameMs, FrameReport, QualityCurves, SkippedFrame};
+use crate::export::registration::Registration;
 use crate::math::measured_pixel::Normalization;
 use crate::model::inspection::DeviceError;
 use crate::model::splat::appearance::SplatSet;
@@ -420,6 +421,16 @@ impl Session {
     /// Up direction in the world, estimated from the cameras if necessary.
     pub fn up(&self) -> DVec3 {
         self.dataset.up(self.plan.split)
+    }
+
+    /// Registration of the world, which exports apply.
+    pub fn registration(&self) -> Option<&Registration> {
+        self.past.registration.as_ref()
+    }
+
+    /// Sets the registration of the world, which checkpoints hold.
+    pub fn register(&mut self, registration: Option<Registration>) {
+        self.past.registration = registration;
     }
 
     /// Reports of the trained frames, in order.

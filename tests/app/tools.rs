@@ -8,6 +8,7 @@ use super::inspect::{MIDDLE, click_at};
 use crate::common::adapter::turn;
 use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2, ViewportCommand, ViewportId};
 use egui_kittest::kittest::Queryable;
+use glam::DVec3;
 use std::path::Path;
 use std::time::Instant;
 use vbgs_studio::app::Painting;
@@ -111,6 +112,66 @@ fn two_clicks_measure_with_a_standard_deviation() {
     window.key_press(Key::M);
     window.run_steps(2);
     assert!(!window.state().view().overlays.is_measuring());
+}
+
+#[test]
+fn measured_points_set_the_coordinates_of_exports() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let Some(mut window) = trained(folder.path()) else { return };
+    let mut export = |window: &mut Window, name: &str| {
+        let file = folder.path().join(name);
+        window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+        enter_path(window, &file);
+        press_in_dialog(window, "Export");
+        wait(window, "the file", |s| {
+            s.snapshot()
+                .notices
+                .iter()
+                .any(|n| n.text.starts_with("Wrote ") && n.text.contains(name))
+        });
+        let splats = vbgs_studio::export::read(&file).unwrap().splats;
+        splats.iter().map(|splat| DVec3::from_array(splat.mean.map(f64::from))).collect::<Vec<_>>()
+    };
+    let before = export(&mut window, "before.ply");
+    clear_view(&mut window);
+    window.key_press(Key::M);
+    window.run_steps(2);
+    let places = [MIDDLE, MIDDLE - Vec2::new(80.0, 30.0), MIDDLE + Vec2::new(60.0, -50.0)];
+    let mut measure = |window: &mut Window, n: usize| {
+        click_at(window, places[n - 1]);
+        wait(window, "a place", |s| s.view().overlays.measure.n_ends() == n);
+    };
+    measure(&mut window, 1);
+    measure(&mut window, 2);
+    let length = window.state().view().overlays.measure.length().unwrap().length;
+    window.get_by_label("Set scale").click();
+    wait(&mut window, "a registration", |s| s.snapshot().registration.is_some());
+    let scale = window.state().snapshot().registration.as_ref().unwrap().scale;
+    assert!((scale - 1.0 / length).abs() < 1e-9 * scale, "{scale}: {length}");
+    measure(&mut window, 3);
+    window.get_by_label("Set level").click();
+    wait(&mut window, "a rotation", |s| {
+        s.snapshot().registration.as_ref().is_some_and(|r| r.rotation[3] < 1.0 - 1e-9)
+    });
+    let registration = window.state().snapshot().registration.clone().unwrap();
+    assert!((registration.scale - scale).abs() < 1e-9 * scale, "the scale stays");
+    let after = export(&mut window, "after.ply");
+    assert_eq!(before.len(), after.len());
+    for (from, to) in before.iter().zip(&after) {
+        assert!(registration.apply(*from).distance(*to) < 1e-4, "{from} {to}");
+    }
+    // A checkpoint holds it.
+    let checkpoint = folder.path().join("registered.vbgs");
+    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
+    enter_path(&mut window, &checkpoint);
+    press_in_dialog(&mut window, "Save");
+    wait(&mut window, "the checkpoint", |_| checkpoint.exists());
+    let saved = vbgs_studio::pipeline::checkpoint::SavedRun::read(&checkpoint).unwrap();
+    assert_eq!(saved.meta.registration.as_ref(), Some(&*registration));
+    window.get_by_label("Clear").click();
+    wait(&mut window, "no registration", |s| s.snapshot().registration.is_none());
+    assert_eq!(export(&mut window, "cleared.ply"), before);
 }
 
 #[test]

@@ -148,6 +148,21 @@ fn scale_alone_keeps_the_axes() {
 }
 
 #[test]
+fn one_registration_goes_on_from_another() {
+    let mut rng = Rng::new(5, Purpose::Synthetic, 0);
+    for _ in 0..50 {
+        let [first, second] = [(); 2].map(|()| similarity(&mut rng, 30.0));
+        let (both, p) = (first.then(&second), vector(&mut rng, 10.0));
+        let apart = both.apply(p).distance(second.apply(first.apply(p)));
+        assert!(apart < 1e-9 * (1.0 + second.scale * first.scale), "{apart}");
+        assert_eq!(both.check(), Ok(()));
+        let same = Registration::world(true).then(&second);
+        assert!(same.apply(p).distance(second.apply(p)) < 1e-12 * (1.0 + second.scale));
+        assert!(same.is_metric, "the unit is that of the first");
+    }
+}
+
+#[test]
 fn registrations_that_are_none_are_refused() {
     let good = registration([0.0; 3]);
     for (bad, found) in [

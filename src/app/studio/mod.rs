@@ -314,6 +314,9 @@ impl Studio {
             self.worker.send(WorkerOrder::RecordCurves(serial, curves));
         }
         self.request_attributes();
+        if let Some(registration) = self.view.overlays.measure.take_registration() {
+            self.worker.send(WorkerOrder::Register(registration));
+        }
         if let Some(picked) = self.view.take_picked() {
             self.worker.send(WorkerOrder::Inspect(picked));
             // A click next to the splats deselects, which is no reason to switch tabs.

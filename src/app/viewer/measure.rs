@@ -1,10 +1,12 @@
-//! Measuring tool: distance between two clicked points and its posterior standard deviation.
+//! Measuring tool: distance between two clicked points and its posterior standard deviation, and the registration that
+//! follows from one to three points.
 //!
 //! A click finds the visible splat and the intersection of the pixel's ray with the splat's plane. The
 //! mean of a component has the posterior covariance `E[Σ]/κ` (`model.md`, Posterior). The variance of a
 //! distance is the sum of both ends' variances along the connecting line.
 
 use super::world_painter::WorldPainter;
+use crate::app::panels::controls::named;
 use crate::app::panels::signal_color::{format_number, swatch, to_color32};
 use crate::app::state::Inspected;
 use crate::dataset::error::FrameError;
@@ -12,13 +14,15 @@ use crate::dataset::frame::Frame;
 use crate::dataset::surface::{PixelStatus, Preparer, SurfaceCounts, SurfaceSettings};
 use crate::eval::choices::GroundTruth;
 use crate::eval::views::ground_truth;
+use crate::export::registration::{References, Registration};
 use crate::math::camera::Camera;
 use crate::math::image::RgbImage;
 use crate::math::sym3::Sym3;
 use crate::model::splat::splats::Splat;
 use crate::observation::surface::Observation;
 use eframe::egui::{
-    Align2, Area, Color32, FontId, Frame as Plate, Grid, Id, Pos2, RichText, Stroke, Ui, Vec2,
+    Align2, Area, Color32, DragValue, FontId, Frame as Plate, Grid, Id, Pos2, RichText, Stroke,
+    TextEdit, Ui, Vec2,
 };
 use glam::{DQuat, DVec2, DVec3};
 
@@ -42,11 +46,51 @@ pub struct MeasuredLength {
     pub deviation: Option<f64>,
 }
 
-/// Measuring tool with up to two measured points.
+/// World of the measured points, and the coordinates of files.
+pub struct MeasuredWorld<'a> {
+    pub registration: Option<&'a Registration>,
+    /// Up direction in the world.
+    pub up: DVec3,
+    /// Origin of splat positions in the world.
+    pub origin: DVec3,
+    /// True if the world's unit is the metre.
+    pub is_metric: bool,
+}
+
+impl MeasuredWorld<'_> {
+    fn coordinates(&self) -> Registration {
+        self.registration.cloned().unwrap_or_else(|| Registration::world(self.is_metric))
+    }
+}
+
+/// Fields of the tool's panel.
+#[derive(Clone, Debug)]
+struct Fields {
+    length: f64,
+    is_metric: bool,
+    place: [f64; 3],
+    system: String,
+    problem: Option<&'static str>,
+}
+
+impl Default for Fields {
+    fn default() -> Self {
+        let (length, place, system) = (1.0, [0.0; 3], String::new());
+        Self { length, is_metric: true, place, system, problem: None }
+    }
+}
+
+/// Maximum number of measured points.
+const MOST_ENDS: usize = 3;
+
+/// Measuring tool with up to three measured points.
 #[derive(Clone, Debug, Default)]
 pub struct MeasureTool {
     pub is_on: bool,
     ends: Vec<MeasuredPoint>,
+    fields: Fields,
+    /// Registration that the user has set; `Some(None)` to remove it.
+    asked: Option<Option<Registration>>,
     /// Slot of the clicked splat, and the measured point, until the trainer has inspected the splat.
     // Only the trainer knows the posterior of a component.
     pub(super) waiting: Option<(u32, DVec3)>,
@@ -57,7 +101,7 @@ impl MeasureTool {
         *self = Self { is_on: !self.is_on, ..Self::default() };
     }
 
-    /// Adds the clicked point once its splat is inspected. A third point starts a new measurement.
+    /// Adds the clicked point once its splat is inspected. A fourth point starts a new measurement.
     pub fn add_inspected_point(&mut self, inspected: Option<&Inspected>) {
         let (Some((id, point)), Some(inspected)) = (self.waiting, inspected) else { return };
         // The snapshot may still inspect the splat clicked before.
@@ -65,9 +109,10 @@ impl MeasureTool {
             return;
         }
         self.waiting = None;
-        if self.ends.len() == 2 {
+        if self.ends.len() == MOST_ENDS {
             self.ends.clear();
         }
+        self.fields.problem = None;
         let covariance = match inspected {
             Inspected::Component(i) => Some(i.covariance.scaled(1.0 / i.posterior.kappa_space)),
             Inspected::Splat { .. } => None,
@@ -97,21 +142,128 @@ impl MeasureTool {
             _ if !self.is_on => None,
             0 => Some("Measure: click the first point (M to exit)"),
             1 => Some("Measure: click the second point"),
+            2 => Some("Measure: click a third point to level a surface"),
             _ => None,
         }
     }
 
-    pub fn draw(&self, world: &WorldPainter) {
+    /// Returns the registration that was set in the panel, once.
+    pub fn take_registration(&mut self) -> Option<Option<Registration>> {
+        self.asked.take()
+    }
+
+    /// Draws the panel in which measured points become references of the exports' coordinates. `corner` is its upper
+    /// left corner.
+    pub fn ui(&mut self, ui: &Ui, corner: Pos2, world: &MeasuredWorld<'_>) {
+        if !self.is_on || self.ends.is_empty() && world.registration.is_none() {
+            return;
+        }
+        Area::new(Id::unique("measure")).fixed_pos(corner).show(ui.ctx(), |ui| {
+            Plate::popup(ui.style()).show(ui, |ui| {
+                ui.label(RichText::new("Coordinates of exports").strong());
+                let at = world.coordinates();
+                let of = |end: &MeasuredPoint| at.apply(end.point + world.origin);
+                let ends: Vec<DVec3> = self.ends.iter().map(of).collect();
+                if let Some(references) = self.references(&ends, ui) {
+                    self.set(&references, world, at);
+                }
+                if let Some(problem) = self.fields.problem {
+                    ui.colored_label(ui.visuals().error_fg_color, problem);
+                }
+                if let Some(registration) = world.registration {
+                    ui.separator();
+                    ui.weak(registration.to_string());
+                    let hint = "Exports have the coordinates of the dataset again";
+                    if ui.button("Clear").on_hover_text(hint).clicked() {
+                        self.asked = Some(None);
+                    }
+                }
+            });
+        });
+    }
+
+    /// Draws the rows for the measured points, whose coordinates are given. Returns the references that the user sets.
+    fn references(&mut self, ends: &[DVec3], ui: &mut Ui) -> Option<References> {
+        let Fields { length, is_metric, place, system, .. } = &mut self.fields;
+        let none = References::default();
+        match *ends {
+            [point] => {
+                ui.label(format!("This point is at {point:.3}"));
+                ui.horizontal(|ui| {
+                    for (value, axis) in place.iter_mut().zip(["X", "Y", "Z"]) {
+                        let field = DragValue::new(value).speed(0.1).prefix(format!("{axis} "));
+                        named(ui.add(field), axis);
+                    }
+                    let field =
+                        TextEdit::singleline(system).desired_width(90.0).hint_text("EPSG:25832");
+                    named(ui.add(field), "Coordinate system");
+                });
+                let is_set = ui.button("Move it there").clicked();
+                is_set
+                    .then(|| References { pairs: vec![[point, DVec3::from_array(*place)]], ..none })
+            }
+            [a, b] => {
+                ui.horizontal(|ui| {
+                    ui.label("True length");
+                    let field = DragValue::new(length).speed(0.01).range(1e-6..=1e9);
+                    named(ui.add(field), "True length");
+                    ui.checkbox(is_metric, "metres");
+                });
+                let is_set = ui.button("Set scale").clicked();
+                is_set.then_some(References { length: Some(([a, b], *length)), ..none })
+            }
+            [a, b, c] => {
+                ui.label("The three points lie on a level surface, such as the floor");
+                let is_set = ui.button("Set level").clicked();
+                is_set.then_some(References { floor: Some([a, b, c]), ..none })
+            }
+            _ => None,
+        }
+    }
+
+    /// Asks for the registration that references in coordinates `at` lead to.
+    fn set(&mut self, references: &References, world: &MeasuredWorld<'_>, at: Registration) {
+        let up = DQuat::from_array(at.rotation) * world.up;
+        let system = match references.pairs.is_empty() || self.fields.system.is_empty() {
+            true => at.system.clone(),
+            false => Some(self.fields.system.clone()),
+        };
+        let is_metric = match references.length {
+            Some(_) => self.fields.is_metric,
+            None => at.is_metric,
+        };
+        let next = Registration::of(references, up);
+        let next = next.map(|next| Registration { system, is_metric, ..at.then(&next) });
+        self.fields.problem = None;
+        match next {
+            Ok(next) if next.check().is_ok() => self.asked = Some(Some(next)),
+            Ok(_) => {
+                self.fields.problem =
+                    Some("Expected numbers and an ASCII name of at most 200 characters")
+            }
+            Err(_) => {
+                self.fields.problem = Some("These points coincide or lie on a line: click others")
+            }
+        }
+    }
+
+    pub fn draw(&self, world: &WorldPainter, measured: &MeasuredWorld<'_>) {
         for end in &self.ends {
             if let Some(at) = world.position(end.point) {
                 world.painter.circle_filled(at, 4.0, LINE);
             }
         }
+        if let &[a, b, c] = self.ends.as_slice() {
+            for pair in [[a, b], [b, c], [c, a]] {
+                world.line(pair.map(|end| end.point), Stroke::new(2.0, LINE));
+            }
+        }
         let (&[a, b], Some(length)) = (self.ends.as_slice(), self.length()) else { return };
         world.line([a.point, b.point], Stroke::new(2.0, LINE));
+        let text = format_length(length, &measured.coordinates());
         if let Some(at) = world.position(0.5 * (a.point + b.point)) {
             let (painter, font) = (&world.painter, FontId::proportional(15.0));
-            let galley = painter.layout_no_wrap(format_length(length), font, Color32::WHITE);
+            let galley = painter.layout_no_wrap(text, font, Color32::WHITE);
             let size = galley.size() + Vec2::new(12.0, 6.0);
             let plate = Align2::CENTER_BOTTOM.anchor_size(at - Vec2::new(0.0, 8.0), size);
             painter.rect_filled(plate, 4.0, Color32::from_black_alpha(190));
@@ -120,12 +272,14 @@ impl MeasureTool {
     }
 }
 
-fn format_length(MeasuredLength { length, deviation }: MeasuredLength) -> String {
-    match deviation {
+fn format_length(measured: MeasuredLength, coordinates: &Registration) -> String {
+    let unit = if coordinates.is_metric { "m" } else { "units" };
+    let length = format_number(coordinates.scale * measured.length);
+    match measured.deviation {
         Some(deviation) => {
-            format!("{} ± {} world units", format_number(length), format_number(deviation))
+            format!("{length} ± {} {unit}", format_number(coordinates.scale * deviation))
         }
-        None => format!("{} world units", format_number(length)),
+        None => format!("{length} {unit}"),
     }
 }
 
@@ -252,10 +406,10 @@ mod tests {
     #[test]
     fn variances_of_both_ends_add_up_and_files_know_none() {
         let ends = vec![end(1.0, Some(9.0)), end(4.0, Some(16.0))];
-        let tool = MeasureTool { is_on: true, ends, waiting: None };
+        let tool = MeasureTool { is_on: true, ends, ..MeasureTool::default() };
         assert_eq!(tool.length(), Some(MeasuredLength { length: 3.0, deviation: Some(5.0) }));
         let ends = vec![end(1.0, Some(9.0)), end(4.0, None)];
-        let tool = MeasureTool { is_on: true, ends, waiting: None };
+        let tool = MeasureTool { is_on: true, ends, ..MeasureTool::default() };
         assert_eq!(tool.length(), Some(MeasuredLength { length: 3.0, deviation: None }));
     }
 

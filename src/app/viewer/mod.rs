@@ -38,7 +38,7 @@ use eframe::egui::{Rect, Sense, Ui, Vec2};
 use export_preview::ExportChoice;
 use frame_refs::{Direction, FrameRef, fit};
 use glam::DVec3;
-use measure::{MeasureTool, surface_point};
+use measure::{MeasureTool, MeasuredWorld, surface_point};
 use overlays::Overlays;
 use painter::{Effort, Painter, ViewPainter};
 use photo::PictureRequest;
@@ -53,6 +53,8 @@ use world_painter::WorldPainter;
 
 /// Offset of the legend from the lower left corner of the viewport, points.
 const LEGEND: Vec2 = Vec2::new(10.0, -10.0);
+/// Offset of the measuring tool's panel from the upper left corner of the viewport, points.
+const MEASURE: Vec2 = Vec2::new(10.0, 76.0);
 
 pub struct SceneView {
     pub settings: ViewSettings,
@@ -172,6 +174,8 @@ impl SceneView {
         if opened.plan.is_some() {
             self.guide_button(ui, rect);
         }
+        let corner = rect.left_top() + MEASURE;
+        self.overlays.measure.ui(ui, corner, &measured_world(opened, snapshot));
         self.draw_captions(ui, rect, &request, photo.as_ref());
         // The past is drawn in its own colours, to which the legend does not apply.
         let legend = self.palette.legend().filter(|_| self.editor.displayed_past().is_none());
@@ -215,7 +219,7 @@ impl SceneView {
             let (frame, scene) = (self.camera.frame_ref(), self.palette.splats().finishing());
             self.overlays.draw_points(world, frame, run, scene, &self.waker);
         }
-        self.overlays.measure.draw(world);
+        self.overlays.measure.draw(world, &measured_world(opened, snapshot));
         self.overlays.draw_path(world, opened.home.radius);
     }
 
@@ -490,6 +494,15 @@ impl SceneView {
         (self.serial, self.camera, self.comparison) = (kept.serial, kept.camera, kept.comparison);
         self.overlays.measure = kept.measure;
         self.editor = kept.editor.without_scene();
+    }
+}
+
+fn measured_world<'a>(opened: &Opened, snapshot: &'a Snapshot) -> MeasuredWorld<'a> {
+    MeasuredWorld {
+        registration: snapshot.registration.as_deref(),
+        up: opened.home.up,
+        origin: opened.local_origin,
+        is_metric: opened.dataset.as_ref().is_some_and(|dataset| dataset.is_metric()),
     }
 }
 

@@ -12,6 +12,7 @@ use crate::export::atomic::write_atomic;
 use crate::export::local_origin::{OriginCarrier, warning};
 use crate::export::mapping::Mapping;
 use crate::export::mesh::{MeshFormat, MeshSummary, Surfel, write_mesh};
+use crate::export::registration::shift_and_origin;
 use crate::export::{ExportError, Fault, ModelFormat, SpzVersion, WriteOptions, WriteProgress};
 use crate::pipeline::any_preset::file_comments;
 use crate::pipeline::job::Progress;
@@ -63,7 +64,8 @@ impl Export {
         match written {
             Ok((text, carrier)) => {
                 end_write(out, self.number, text);
-                if let Some(warning) = warning(local_origin(out), carrier) {
+                let [_, origin] = shift_and_origin(run.registration(), local_origin(out));
+                if let Some(warning) = warning(origin, carrier) {
                     out.notify(NoticeKind::Warning, format!("{path}: {warning}"));
                 }
             }
@@ -106,6 +108,7 @@ impl Export {
             metric: run.session().is_some_and(|session| session.dataset().is_metric()),
             up: out.snapshot.opened.as_ref().map_or(DVec3::Z, |opened| opened.home.up),
             local_origin: local_origin(out),
+            registration: run.registration(),
             mapping: self.mapping,
             spz_version: self.spz_version,
             progress: WriteProgress::new(&report),

@@ -164,6 +164,7 @@ impl Outbox {
         // Delivered before the snapshot, so that a window that reads the snapshot finds its splats too.
         self.deliver_changes(run);
         self.snapshot.inspected = run.inspect();
+        self.snapshot.registration = run.registration().cloned().map(Arc::new);
         self.snapshot.includes_pending_photographs =
             run.session().is_some_and(|session| session.is_settled());
         self.snapshot.frames.recent = Arc::new(run.recent_frames().to_vec());

@@ -5,6 +5,7 @@ use crate::app::state::{FrameSampling, GivenCalibration, HISTORY, Inspected, Sub
 use crate::dataset::pose_check;
 use crate::dataset::surface::sample::FrameSample;
 use crate::eval::report::FrameReport;
+use crate::export::registration::Registration;
 use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
 use crate::pipeline::job::Job;
@@ -59,11 +60,27 @@ impl Run {
         self.inspecting = None;
     }
 
+    /// Returns the registration of the world, which exports apply.
+    pub fn registration(&self) -> Option<&Registration> {
+        match self.content.as_ref()? {
+            Content::Session(session) => session.registration(),
+            Content::Model(_, registration) => registration.as_ref(),
+        }
+    }
+
+    pub fn register(&mut self, new: Option<Registration>) {
+        match &mut self.content {
+            Some(Content::Session(session)) => session.register(new),
+            Some(Content::Model(_, registration)) => *registration = new,
+            None => {}
+        }
+    }
+
     /// Returns the splats of the newest state, regardless of what the viewport displays.
     pub fn splats(&self) -> SplatSet {
         match &self.content {
             Some(Content::Session(session)) => session.splats(),
-            Some(Content::Model(splats)) => splats.clone(),
+            Some(Content::Model(splats, _)) => splats.clone(),
             None => SplatSet::default(),
         }
     }
@@ -97,7 +114,7 @@ impl Run {
         let id = self.inspecting?;
         let inspected = match self.content.as_ref()? {
             Content::Session(session) => Inspected::Component(Box::new(session.inspect(id)?)),
-            Content::Model(splats) => Inspected::Splat {
+            Content::Model(splats, _) => Inspected::Splat {
                 id,
                 splat: *splats.get(id as usize)?,
                 appearance: splats.appearance_of(id as usize),

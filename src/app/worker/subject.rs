@@ -195,7 +195,7 @@ impl WorkerThread {
                 let doubted = session.frames().iter().filter_map(FrameReport::outlier_warning);
                 snapshot.frames.outliers = Arc::new(doubted.collect());
             }
-            Content::Model(splats) => {
+            Content::Model(splats, _) => {
                 snapshot.source = Source::Model;
                 snapshot.state = RunState::Finished;
                 snapshot.model.components = splats.len();
@@ -207,7 +207,10 @@ impl WorkerThread {
     /// Reopens the dataset or model with its calibration, so that the current settings apply.
     pub(super) fn reset(&mut self) {
         if let Some(subject) = self.run.subject.clone() {
+            let registration = self.run.registration().cloned();
             self.open_with(self.run.calibration.clone(), subject);
+            // The world is the same.
+            self.run.register(registration);
         }
     }
 
@@ -281,7 +284,7 @@ impl WorkerThread {
                 let is_given = !method.assumes_calibration(session.dataset());
                 method.as_any().calibration().filter(|_| is_given).cloned()
             }
-            Content::Model(_) => None,
+            Content::Model(..) => None,
         };
         let calibration =
             calibration.map(|calibration| Arc::new(GivenCalibration { calibration, file: None }));

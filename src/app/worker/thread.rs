@@ -13,6 +13,7 @@ use crate::app::rescue::{Crash, CrashedThread, Rescue};
 use crate::app::state::{NoticeKind, NoticeTopic, RunState, Subject};
 use crate::app::training::TrainSettings;
 use crate::eval::report::QualityCurves;
+use crate::export::registration::Registration;
 use crate::pipeline::job::Waker;
 use crate::pipeline::panic_report::PanicReport;
 use crate::render::attributes::Attribute;
@@ -181,6 +182,14 @@ impl WorkerThread {
                 self.settle();
                 export.write(&self.run, &mut self.outbox, &self.shared.file);
             }
+            WorkerOrder::Register(registration) => {
+                self.run.register(registration);
+                // A checkpoint holds it, so closing the window must ask.
+                if self.outbox.snapshot.frames_done > 0 {
+                    self.files.record_frame();
+                    self.outbox.snapshot.files.unsaved_frames += 1;
+                }
+            }
             WorkerOrder::RecordCurves(serial, curves) => self.record_curves(serial, curves),
             WorkerOrder::WriteText(path, text) => write_text(&path, &text, &mut self.outbox),
             WorkerOrder::Store(answer) => {
@@ -303,6 +312,8 @@ pub enum WorkerOrder {
     Save(u64, PathBuf),
     /// Exports the newest scene. The snapshot reports the outcome with the number of the export.
     Export(Export),
+    /// Sets or removes the registration of the world, which exports apply.
+    Register(Option<Registration>),
     /// Records the quality measured in the run of the dataset with this serial number.
     RecordCurves(u64, QualityCurves),
     /// Writes a text to a file; under an unused name if the path exists.
