@@ -2,7 +2,7 @@
 
 use super::harness::{
     PATIENCE, Window, clear_view, click, dataset, drop_on, enter_path, is, menu, press_in_dialog,
-    train, wait, wait_for_picture, wait_for_text, window,
+    train, wait, wait_for_picture, wait_for_text, window, write_to,
 };
 use super::inspect::{MIDDLE, click_at};
 use crate::common::adapter::turn;
@@ -119,11 +119,9 @@ fn measured_points_set_the_coordinates_of_exports() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let Some(mut window) = trained(folder.path()) else { return };
-    let mut export = |window: &mut Window, name: &str| {
+    let export = |window: &mut Window, name: &str| {
         let file = folder.path().join(name);
-        window.key_press_modifiers(Modifiers::COMMAND, Key::E);
-        enter_path(window, &file);
-        press_in_dialog(window, "Export");
+        write_to(window, Key::E, "Export", &file);
         wait(window, "the file", |s| {
             s.snapshot()
                 .notices
@@ -138,7 +136,7 @@ fn measured_points_set_the_coordinates_of_exports() {
     window.key_press(Key::M);
     window.run_steps(2);
     let places = [MIDDLE, MIDDLE - Vec2::new(80.0, 30.0), MIDDLE + Vec2::new(60.0, -50.0)];
-    let mut measure = |window: &mut Window, n: usize| {
+    let measure = |window: &mut Window, n: usize| {
         click_at(window, places[n - 1]);
         wait(window, "a place", |s| s.view().overlays.measure.n_ends() == n);
     };
@@ -163,9 +161,7 @@ fn measured_points_set_the_coordinates_of_exports() {
     }
     // A checkpoint holds it.
     let checkpoint = folder.path().join("registered.vbgs");
-    window.key_press_modifiers(Modifiers::COMMAND, Key::S);
-    enter_path(&mut window, &checkpoint);
-    press_in_dialog(&mut window, "Save");
+    write_to(&mut window, Key::S, "Save", &checkpoint);
     wait(&mut window, "the checkpoint", |_| checkpoint.exists());
     let saved = vbgs_studio::pipeline::checkpoint::SavedRun::read(&checkpoint).unwrap();
     assert_eq!(saved.meta.registration.as_ref(), Some(&*registration));

@@ -274,12 +274,15 @@ impl MeasureTool {
 
 fn format_length(measured: MeasuredLength, coordinates: &Registration) -> String {
     let unit = if coordinates.is_metric { "m" } else { "units" };
-    let length = format_number(coordinates.scale * measured.length);
-    match measured.deviation {
+    let length = coordinates.scale * measured.length;
+    let deviation = measured.deviation.map(|deviation| coordinates.scale * deviation);
+    match deviation.filter(|deviation| (1e-6..1e6).contains(deviation)) {
         Some(deviation) => {
-            format!("{length} ± {} {unit}", format_number(coordinates.scale * deviation))
+            // To the first digit of the deviation.
+            let digits = (-deviation.log10()).ceil().max(0.0) as usize;
+            format!("{length:.digits$} ± {deviation:.digits$} {unit}")
         }
-        None => format!("{length} {unit}"),
+        None => format!("{} {unit}", format_number(length)),
     }
 }
 
@@ -411,6 +414,19 @@ mod tests {
         let ends = vec![end(1.0, Some(9.0)), end(4.0, None)];
         let tool = MeasureTool { is_on: true, ends, ..MeasureTool::default() };
         assert_eq!(tool.length(), Some(MeasuredLength { length: 3.0, deviation: None }));
+    }
+
+    #[test]
+    fn lengths_have_the_digits_that_are_known() {
+        let text = |length, deviation, coordinates: &Registration| {
+            format_length(MeasuredLength { length, deviation }, coordinates)
+        };
+        let metres = Registration::world(true);
+        assert_eq!(text(1.580_31, Some(4.76e-4), &metres), "1.5803 ± 0.0005 m");
+        assert_eq!(text(120.4, Some(3.2), &metres), "120 ± 3 m");
+        assert_eq!(text(1.25, None, &metres), "1.25 m");
+        let scaled = Registration { scale: 2.0, ..Registration::world(false) };
+        assert_eq!(text(1.25, Some(0.01), &scaled), "2.50 ± 0.02 units");
     }
 
     #[test]

@@ -51,6 +51,11 @@ impl ViewsPlan {
     }
 }
 
+/// Groups of views: on the camera's path, anywhere in a synthetic scene, and in a sector that training left out.
+const NEW: &str = "new views";
+const FREE: &str = "free views";
+const SECTOR: &str = "sector";
+
 /// Quality of one group of views, drawn from a scene that was trained with one configuration.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ViewsRow {
@@ -111,7 +116,7 @@ pub fn run(plan: &ViewsPlan, progress: Progress) -> Result<Bench, BenchError> {
         }
     }
     let mut notes = vec![
-        "new views: the recording's own split for evaluation, or every 8th frame, held out of training. from the side: frames of a sector left out of training (`--hold-out sector`), or free views of a synthetic scene. Projected renderer, black background, poses and exposure as training predicts them.".to_owned(),
+        "new views: the recording's own split for evaluation, or every 8th frame, held out of training. sector: views from the side, of a part that is left out of training (`--hold-out sector`). free views: from anywhere in a synthetic scene. Projected renderer, black background, poses and exposure as training predicts them.".to_owned(),
         "ms: training a frame, median over the frames, configurations in turns; other threads decode and prepare. covered: pixels with coverage ≥ 0.5. aligned: covered pixels after fitting a factor and an offset per channel to each view. detail: correlation with the photograph in the finest octave and the next one.".to_owned(),
     ];
     notes.extend(left_out);
@@ -179,17 +184,22 @@ fn measured(
     let Recording { name, dataset, free } = recording;
     let Sizes { frames, views, .. } = plan.sizes();
     let most = plan.options.max_frames.unwrap_or(frames);
+    // First: a recording without a sector is left out, whereas other errors end the bench.
+    let evaluation = dataset.evaluation_by(hold_out, dataset.training_split()?)?;
     let (training, base, options) = prepare_held_out(dataset, hold_out, most, plan.options.seed)?;
-    let evaluation = dataset.evaluation_by(hold_out, training.split)?;
-    let groups: Vec<(&Dataset, ViewGroup)> = match hold_out {
+    let groups: Vec<(&str, &Dataset, ViewGroup)> = match hold_out {
         HoldOut::Every8th => {
-            let own = [vec![evaluation.new_views], evaluation.from_the_side].concat();
-            let free = free.iter().map(|free| (free, free.whole_split(0)));
-            own.into_iter().map(|group| (&**dataset, group)).chain(free).collect()
+            let own = evaluation.from_the_side.into_iter().map(|group| (FREE, &**dataset, group));
+            let apart = free.iter().map(|free| (FREE, free, free.whole_split(0)));
+            std::iter::once((NEW, &**dataset, evaluation.new_views))
+                .chain(own)
+                .chain(apart)
+                .collect()
         }
         // The sector's views come first; free views are in the other method's rows.
         HoldOut::Sector => {
-            evaluation.from_the_side.into_iter().take(1).map(|group| (&**dataset, group)).collect()
+            let side = evaluation.from_the_side.into_iter().take(1);
+            side.map(|group| (SECTOR, &**dataset, group)).collect()
         }
     };
     let variants = view_variants(&base);
@@ -199,11 +209,12 @@ fn measured(
     stored_or_new(&file, inputs, || {
         let trained = train(dataset, &training, &runs, &mut || ())?;
         let mut rows = Vec::new();
-        for (of, group) in &groups {
+        for (label, of, group) in &groups {
             for ((configuration, _), trained) in variants.iter().zip(&trained) {
                 let row = row(trained, of, group, views, &options)?;
-                let (recording, configuration) = (name.clone(), (*configuration).to_owned());
-                rows.push(ViewsRow { recording, configuration, ..row });
+                let (recording, group) = (name.clone(), (*label).to_owned());
+                let configuration = (*configuration).to_owned();
+                rows.push(ViewsRow { recording, group, configuration, ..row });
             }
         }
         Ok(rows)
@@ -225,7 +236,7 @@ fn row(
     Ok(ViewsRow {
         recording: String::new(),
         configuration: String::new(),
-        group: group.name.map_or_else(String::new, |name| name.to_string()),
+        group: String::new(),
         views: report.views,
         frames: trained.train_ms.len(),
         drawn: trained.drawn(),
@@ -272,11 +283,11 @@ fn fixed(value: Option<f64>, digits: usize) -> String {
 
 /// Plots PSNR over recordings, one panel a group of views.
 fn panels(rows: &[ViewsRow], names: &[String]) -> [Panel; 2] {
-    ["new views", "from the side"].map(|group| {
+    [("new views", &[NEW][..]), ("from the side", &[FREE, SECTOR])].map(|(title, groups)| {
         let of = |configuration: &'static str| {
-            let mine = rows.iter().filter(|row| {
-                row.group == group && row.configuration == configuration && row.psnr.is_finite()
-            });
+            let mine = rows
+                .iter()
+                .filter(|row| groups.contains(&&*row.group) && row.configuration == configuration);
             let mark = |row: &ViewsRow| {
                 let at = names.iter().position(|name| *name == row.recording)?;
                 Some(Mark::exact(row.psnr_covered.unwrap_or(row.psnr), at as f64))
@@ -289,6 +300,6 @@ fn panels(rows: &[ViewsRow], names: &[String]) -> [Panel; 2] {
         };
         let series = VIEW_VARIANTS.map(|(name, _)| of(name)).into();
         let (x, y) = (Axis::Linear("PSNR of covered pixels, dB"), Axis::Names(names.to_vec()));
-        Panel { title: group.to_owned(), x, y, series }
+        Panel { title: title.to_owned(), x, y, series }
     })
 }
