@@ -64,6 +64,8 @@ pub struct SceneView {
     // Kept beside the painter, because its replacement after a GPU failure needs all of them.
     pub palette: Palette,
     pub editor: Editor,
+    /// Folders for stored scenes of the run, in order of preference.
+    pub past_folders: Arc<[PathBuf]>,
     n_frames: usize,
     /// Serial number of the dataset or model for which the view was set up.
     serial: u64,
@@ -80,6 +82,7 @@ impl SceneView {
             painter: Painter::new(painter),
             palette: Palette::default(),
             editor: Editor::default(),
+            past_folders: Arc::default(),
             n_frames: 0,
             serial: 0,
             waker,
@@ -95,6 +98,7 @@ impl SceneView {
         self.editor.stored_scenes.record(
             at,
             self.palette.learned(),
+            &self.past_folders,
             self.settings.panels.past_bytes(),
         );
         self.pass_change_to_painter(change);
