@@ -149,6 +149,7 @@ const PROMISES: &[(&str, &[&str])] = &[
         &[
             "viewer.rs: photographs_are_stepped_through_and_measured_as_eval_does",
             "compared.rs: a_second_model_is_wiped_to_measured_and_removed",
+            "compared.rs: a_second_model_stays_beside_its_recording_and_leaves_with_it",
         ],
     ),
     (

@@ -265,7 +265,9 @@ impl Studio {
             self.panels.applied = Some(applied);
         }
         let is_another = self.view.is_another(opened);
-        self.view.reset_for_subject(opened);
+        if let Some(lost) = self.view.reset_for_subject(opened) {
+            self.report(NoticeKind::Warning, lost);
+        }
         if is_another
             && let Some((_, before)) =
                 self.panels.before_retrain.take().filter(|(files, _)| *files == opened.files)

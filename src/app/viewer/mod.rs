@@ -316,9 +316,10 @@ impl SceneView {
 
     /// Resets the view if another dataset or model is open: no camera, comparison or pending pick of the
     /// previous one remains. Must be called with every snapshot, before the view is drawn or handles keys.
-    pub fn reset_for_subject(&mut self, opened: &Opened) {
+    /// Returns the text of a notice if a second model is lost.
+    pub fn reset_for_subject(&mut self, opened: &Opened) -> Option<String> {
         if self.serial == opened.serial {
-            return;
+            return None;
         }
         self.serial = opened.serial;
         self.overlays.reset_for_subject();
@@ -326,6 +327,7 @@ impl SceneView {
         self.comparison.set_mode(ViewMode::Single);
         self.editor.reset();
         self.camera.reset_for_subject(opened);
+        self.comparison.enter_world(opened)
     }
 
     pub fn is_another(&self, opened: &Opened) -> bool {
