@@ -136,7 +136,7 @@ commands! {
         [ctrl(Key::R)], Train 0, Window Trained;
     RetrainFiner: ["Retrain finer"], "Train again with twice as many splats; this scene stays beside the new one",
         [], Train 0, Window Trained;
-    Export: ["Export…"], "Export the scene as a splat file",
+    Export: ["Export…"], "Export splats, a point cloud or a mesh",
         [ctrl(Key::E)], Export 0, Window Scene;
     Save: ["Save…"], "Save a checkpoint from which training can resume",
         [ctrl(Key::S)], Export 0, Window Trained;
@@ -168,11 +168,10 @@ commands! {
         [], Selection 2, View Model;
     CropBox: ["Crop box"], "Crop the scene to a box around the selection, or around everything; again removes the box",
         [], Selection 2, View Model;
-    // Listed before `Undo`, whose shortcut also matches while the additional modifier of Redo is held.
-    Redo: ["Redo", "Redo edit"], "Redo the last undone edit",
-        [ctrl_shift(Key::Z), ctrl(Key::Y)], Selection 0, View Model;
     Undo: ["Undo", "Undo edit"], "Undo the last selection, hiding, deletion or crop",
         [ctrl(Key::Z)], Selection 0, View Model;
+    Redo: ["Redo", "Redo edit"], "Redo the last undone edit",
+        [ctrl_shift(Key::Z), ctrl(Key::Y)], Selection 0, View Model;
     Cameras: ["Cameras"], "Show or hide the cameras of the dataset",
         [key(Key::C)], View 3, View Dataset;
     Points: ["Points", "Points of the current frame"], "Show or hide the measured points of the current frame",

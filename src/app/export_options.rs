@@ -2,6 +2,7 @@
 
 use super::panels::controls::choices;
 use super::viewer::export_preview::{ExportChoice, PreviewReport};
+use super::wording;
 use crate::export::mapping::{self, GradientSplit, Mapping, OpacityMapping, is_plain};
 use crate::export::mesh::MeshFormat;
 use crate::export::{ExportError, ModelFormat, SpzVersion};
@@ -128,7 +129,11 @@ pub fn report(report: Option<&PreviewReport>, ui: &mut Ui) {
             ui.colored_label(ui.visuals().error_fg_color, problem);
         }
         Some(PreviewReport::Shown { n_splats, bytes, psnr, losses }) => {
-            ui.label(format!("{n_splats} splats, about {:.1} MB", *bytes as f64 * 1e-6));
+            ui.label(format!(
+                "{}, about {:.1} MB",
+                wording::count(*n_splats, "splat"),
+                *bytes as f64 * 1e-6
+            ));
             let figure = match psnr {
                 // Identical images are reported as 120 dB.
                 Some(psnr) if *psnr > 100.0 => "Identical to the scene from this view".to_owned(),

@@ -64,15 +64,14 @@ pub fn grouped(n: usize) -> String {
 }
 
 pub fn pose_agreement(check: &PoseCheck) -> String {
-    let PoseTrial { agreement, poses, .. } = check.opened;
-    let percent = 100.0 * agreement;
-    format!("Poses fit: {percent:.0} % of depth agrees with neighbouring frames ({})", poses.name())
+    let PoseTrial { agreement, .. } = check.opened;
+    format!("Poses fit: {:.0} % of depth agrees with neighbouring frames", 100.0 * agreement)
 }
 
 pub fn run_order(selection: &Selection, plan: &Plan) -> String {
     let order = match selection.order {
-        Order::Sequential => "In the dataset's order",
-        Order::Shuffled => "Shuffled",
+        Order::Sequential => "Trained in the dataset's order",
+        Order::Shuffled => "Trained in random order",
     };
     let stride = match selection.stride {
         0 | 1 => "every frame".to_owned(),
@@ -194,7 +193,7 @@ mod tests {
     fn the_order_of_a_run_is_told_with_what_it_leaves_out() {
         let plan = Plan { split: 0, frames: vec![1, 2], held_out: None };
         let text = run_order(&Selection::all_frames(), &plan);
-        assert_eq!(text, "In the dataset's order, every frame");
+        assert_eq!(text, "Trained in the dataset's order, every frame");
         let held_out = Some("every 8th frame".to_owned());
         let selection = Selection {
             order: Order::Shuffled,
@@ -206,7 +205,7 @@ mod tests {
         };
         assert_eq!(
             run_order(&selection, &Plan { held_out, ..plan }),
-            "Shuffled, one frame of 3, except those held out, shard 2/3, at most 40, 2 passes"
+            "Trained in random order, one frame of 3, except those held out, shard 2/3, at most 40, 2 passes"
         );
     }
 }

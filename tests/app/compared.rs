@@ -1,17 +1,17 @@
 //! Comparing the scene with a second model: opening, wiping, measuring, removing.
 
 use super::harness::{
-    Window, click, dataset, enter_path, press_in_dialog, settled, train, wait, wait_for_label,
-    wait_for_picture, wait_for_text, window,
+    Window, click, dataset, drop_on, enter_path, press_in_dialog, settled, train, wait,
+    wait_for_label, wait_for_picture, wait_for_text, window, write_to,
 };
 use super::viewer::{choose, open_menu, press};
 use crate::common::adapter::turn;
 use eframe::egui::{Event, Key, Modifiers};
 use egui_kittest::kittest::{NodeT, Queryable};
 use std::path::Path;
-use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
 use vbgs_studio::app::viewer::toolbar::ViewMode;
+use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::splats::Splat;
 
@@ -141,4 +141,69 @@ fn a_broken_second_model_is_a_notice_and_nothing_else_changes() {
     assert_eq!(view.comparison.mode(), ViewMode::ModelWipe);
     wait(&mut window, "the end", |s| s.snapshot().state == RunState::Finished);
     assert_eq!(window.state().snapshot().frames_done, 40);
+}
+
+/// Opens a file or folder; unsaved training is discarded.
+fn open(window: &mut Window, path: &Path) {
+    drop_on(window, path);
+    wait(window, "the opened path or a question", |s| {
+        let snapshot = s.snapshot();
+        snapshot.has_training_to_lose() || is_open(s, path)
+    });
+    if !is_open(window.state(), path) {
+        click(window, "Discard");
+    }
+    wait(window, "the opened path", |s| is_open(s, path));
+    window.run_steps(2);
+}
+
+fn is_open(studio: &Studio, path: &Path) -> bool {
+    studio.snapshot().opened.as_ref().is_some_and(|opened| opened.path.as_deref() == Some(path))
+}
+
+#[test]
+fn a_second_model_stays_beside_its_recording_and_leaves_with_it() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let [one, other] = ["one", "other"].map(|name| {
+        let folder = folder.path().join(name);
+        std::fs::create_dir(&folder).unwrap();
+        dataset(&folder, 3)
+    });
+    let [file, saved] = ["green.ply", "one.vbgs"].map(|name| folder.path().join(name));
+    green(&file);
+    let Some(mut window) = window(Some(Subject::Path(one.clone())), Painting::Auto) else { return };
+    train(&mut window);
+    compare_with(&mut window, &file);
+    wait(&mut window, "the model", |s| s.view().comparison.model().is_some());
+    write_to(&mut window, Key::S, "Save", &saved);
+    wait(&mut window, "the file", |s| s.snapshot().files.unsaved_frames == 0);
+    let n_lost = |studio: &Studio| {
+        let notices = studio.snapshot().notices.clone();
+        notices.iter().filter(|n| n.text.contains("before retraining “room” is gone")).count()
+    };
+    // A checkpoint of the recording, and splats that may be of it.
+    for path in [&saved, &file, &one] {
+        open(&mut window, path);
+        assert_eq!(name(&window), name_of(&file), "beside {}", path.display());
+    }
+    open(&mut window, &other);
+    assert!(window.state().view().comparison.model().is_none(), "beside another recording");
+    assert_eq!(n_lost(window.state()), 0, "it can be opened again");
+
+    train(&mut window);
+    // The figures move the button when they appear.
+    wait(&mut window, "quality", |s| s.quality().result().is_some());
+    click(&mut window, "Retrain finer");
+    wait(&mut window, "the scene before", |s| s.view().comparison.model().is_some());
+    wait(&mut window, "the end", |s| s.snapshot().state == RunState::Finished);
+    open(&mut window, &one);
+    assert!(window.state().view().comparison.model().is_none(), "the scene of another recording");
+    wait(&mut window, "the notice", |s| n_lost(s) == 1);
+}
+
+/// Name of a second model from a file: that and its folder, shortened.
+fn name_of(file: &Path) -> String {
+    let folder = file.parent().unwrap().file_name().unwrap().to_string_lossy();
+    format!("{folder}/green.ply")
 }

@@ -149,6 +149,7 @@ const PROMISES: &[(&str, &[&str])] = &[
         &[
             "viewer.rs: photographs_are_stepped_through_and_measured_as_eval_does",
             "compared.rs: a_second_model_is_wiped_to_measured_and_removed",
+            "compared.rs: a_second_model_stays_beside_its_recording_and_leaves_with_it",
         ],
     ),
     (
@@ -241,6 +242,7 @@ const PROMISES: &[(&str, &[&str])] = &[
         "A full disk gives an error; the scene stays and can be written elsewhere",
         &[
             "full_disk.rs: a_full_disk_is_said_and_the_scene_is_written_elsewhere",
+            "full_disk.rs: a_history_that_cannot_be_stored_is_reported_once_with_its_folder",
             "saving.rs: what_waits_is_given_up_where_no_file_was_written",
             "src/app/settings_file.rs: half_a_file_gives_way_to_the_last_good_one_and_is_kept",
         ],

@@ -37,7 +37,7 @@ fn a_click_shows_the_camera_and_a_drag_previews_others() {
     let subject = Some(Subject::Path(dataset(folder.path(), 5)));
     let Some(mut window) = window(subject, Painting::Auto) else { return };
     wait(&mut window, "ready", is(RunState::Ready));
-    wait_for_label(&mut window, "In the dataset's order, every frame");
+    wait_for_label(&mut window, "Trained in the dataset's order, every frame");
     window.run_steps(2);
     assert_eq!(position(&window), None);
     // Frame 1 is the held-out view, which is a split of its own.
@@ -69,7 +69,7 @@ fn a_click_shows_the_camera_and_a_drag_previews_others() {
 
     press(&mut window, Key::T);
     assert!(window.query_by_label("Frame 1").is_none());
-    wait_for_label(&mut window, "In the dataset's order, every frame");
+    wait_for_label(&mut window, "Trained in the dataset's order, every frame");
     press(&mut window, Key::T);
     window.get_by_label("Frame 1");
 }

@@ -1,7 +1,9 @@
 //! Writing to a full disk, simulated with `/dev/full`, where every write fails for lack of space.
 #![cfg(target_os = "linux")]
 
-use super::harness::{Window, click, dataset, train, wait, wait_for_label, window, write_to};
+use super::harness::{
+    Window, click, dataset, train, wait, wait_for_label, wait_for_text, window, window_in, write_to,
+};
 use super::viewer::press;
 use crate::common::adapter::turn;
 use eframe::egui::Key;
@@ -70,4 +72,33 @@ fn a_full_disk_is_said_and_the_scene_is_written_elsewhere() {
     write_to(&mut window, Key::S, "Save", &elsewhere);
     wait(&mut window, "the file", |s| s.snapshot().files.unsaved_frames == 0);
     assert!(export::checkpoint::is_checkpoint(&elsewhere));
+}
+
+#[test]
+fn a_history_that_cannot_be_stored_is_reported_once_with_its_folder() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 6);
+    // A file is in the place of a folder, so that no user may write there.
+    let none = folder.path().join("file");
+    std::fs::write(&none, "").unwrap();
+    let Some(mut window) = window_in(none.join("state"), Subject::Path(path)) else { return };
+    train(&mut window);
+    let is_meant = |text: &str| {
+        text.starts_with("The history of this run ends at frame ")
+            && text.contains(&none.display().to_string())
+            && text.contains("free disk space")
+    };
+    let n_told = |studio: &Studio| {
+        let notices = studio.snapshot().notices.clone();
+        let warnings = notices.iter().filter(|notice| notice.kind == NoticeKind::Warning);
+        warnings.filter(|notice| is_meant(&notice.text)).count()
+    };
+    wait(&mut window, "the notice", |s| n_told(s) > 0);
+    // The panel of the history gives the reason, too, instead of an empty slider.
+    click(&mut window, "Edit");
+    wait_for_text(&mut window, "The history of this run ends at frame ");
+    window.run_steps(20);
+    assert_eq!(n_told(window.state()), 1);
+    assert_eq!(window.state().snapshot().state, RunState::Finished);
 }

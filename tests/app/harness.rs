@@ -41,10 +41,21 @@ pub fn device() -> Option<WgpuSetup> {
 
 /// Creates the application with a worker of its own, and opens the subject.
 pub fn studio(cc: &CreationContext<'_>, subject: Option<Subject>, painting: Painting) -> Studio {
-    let window = cc.egui_ctx.clone();
     // Of its own, so that no window offers what another one left. It lives as long as the worker.
     let state = tempfile::tempdir().unwrap();
-    let folders = vec![state.path().to_owned()];
+    let folder = state.path().to_owned();
+    studio_in(cc, (folder, state), subject, painting)
+}
+
+/// Like [`studio`], with the folder for files that the program writes without a prompt, and what that folder
+/// needs to exist.
+fn studio_in(
+    cc: &CreationContext<'_>,
+    (folder, state): (PathBuf, impl Send + Sync + 'static),
+    subject: Option<Subject>,
+    painting: Painting,
+) -> Studio {
+    let (window, folders) = (cc.egui_ctx.clone(), vec![folder]);
     let waker = move || {
         let _kept = &state;
         window.request_repaint();
@@ -57,11 +68,20 @@ pub fn studio(cc: &CreationContext<'_>, subject: Option<Subject>, painting: Pain
 
 /// Opens the window; `None` without a Vulkan adapter outside strict mode.
 pub fn window(subject: Option<Subject>, painting: Painting) -> Option<Window> {
+    built(move |cc| studio(cc, subject, painting))
+}
+
+/// Opens the window with a folder for files that the program writes without a prompt.
+pub fn window_in(folder: PathBuf, subject: Subject) -> Option<Window> {
+    built(move |cc| studio_in(cc, (folder, ()), Some(subject), Painting::Auto))
+}
+
+fn built(studio: impl FnOnce(&CreationContext<'_>) -> Studio) -> Option<Window> {
     let harness = Harness::builder()
         .with_size(Vec2::new(1000.0, 640.0))
         .with_max_steps(8)
         .wgpu_setup(device()?)
-        .build_eframe(move |cc| studio(cc, subject, painting));
+        .build_eframe(move |cc| studio(cc));
     Some(harness)
 }
 

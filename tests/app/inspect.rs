@@ -84,7 +84,7 @@ fn a_click_shows_the_posterior_and_escape_forgets_it() {
     let Inspected::Component(component) = &*inspected else { panic!("{inspected:?}") };
     assert!(component.posterior.count > 0.0 && component.weight > 0.0);
     assert!(component.posterior.alpha > component.posterior.count);
-    window.get_by_label(&format!("Component {}", component.id));
+    window.get_by_label(&format!("Splat {}", component.id));
     for label in
         ["Mean", "Covariance", "Weight", "Points N", "κ", "ν", "α", "Born in frame", "Gradient rgb"]
     {

@@ -91,7 +91,7 @@ fn the_status_line_tells_state_pace_components_and_memory() {
     let used = window.state().snapshot().model.used;
     window.get_by_label("Finished");
     window.get_by_label(&wording::count(used, "splat"));
-    for unit in ["ms a frame", "MiB"] {
+    for unit in ["ms a frame", "MB of memory"] {
         assert!(window.query_all_by_label_contains(unit).count() > 0, "{unit}");
     }
 }

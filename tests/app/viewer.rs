@@ -184,7 +184,7 @@ fn photographs_are_stepped_through_and_measured_as_eval_does() {
     }
     window.get_by_label("Camera 4 of 4");
     choose(&mut window, 0, "Photograph difference");
-    wait_for_label(&mut window, "|Projected − photograph| × 8");
+    wait_for_label(&mut window, "|Scene − photograph| × 8");
 
     drag(&mut window, PointerButton::Primary);
     assert_eq!(position(&window), None, "turning leaves the dataset's camera");

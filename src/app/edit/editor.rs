@@ -37,6 +37,8 @@ pub struct Editor {
     pub stored_scenes: PastScenes,
     /// Stored scene that was read last, while one is displayed.
     read_past: Option<ShownPast>,
+    /// Reason why a stored scene could not be read, until it is reported.
+    unread_past: Option<String>,
     /// True if a panel needs component attributes. Set by the panels; reset at the end of every egui pass.
     pub needs_attributes: bool,
     /// True if the viewport shows the crop box and its handles. Set by the edit panel; reset at the end of
@@ -109,10 +111,18 @@ impl Editor {
                 self.read_past = Some(read);
             }
             Err(error) => {
-                tracing::warn!("a stored scene of this run cannot be read again: {error}");
+                self.unread_past = Some(format!(
+                    "The stored scene after frame {} cannot be read again: {error}; the newest scene is shown, and another frame may still be readable",
+                    moment.after.n_seen
+                ));
                 (self.read_past, self.earlier_frames) = (None, None);
             }
         }
+    }
+
+    /// Returns a problem with stored scenes that is not reported yet.
+    pub fn take_past_problem(&mut self) -> Option<String> {
+        self.unread_past.take().or_else(|| self.stored_scenes.take_unreported_failure())
     }
 
     pub fn displayed_splats<'a>(&'a self, palette: &'a Palette) -> &'a Arc<SplatSet> {

@@ -8,13 +8,13 @@
 //! between them differ by a factor of about two. Copies are exact and include appearance and textures.
 
 use crate::app::splat_updates::RunMoment;
-use crate::app::user_folders;
 use crate::model::splat::appearance::{Appearance, Finishing, SplatSet};
 use crate::model::splat::splats::Splat;
 use crate::model::splat::texture::{Lattice, Texture, Textures};
 use bytemuck::{Pod, Zeroable, cast_slice, cast_slice_mut, zeroed_vec};
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Error, Read, Result as IoResult, Seek, Write};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, JoinHandle};
 
@@ -62,19 +62,27 @@ pub struct PastScenes {
     serial: u64,
     /// Threads that write a scene, each with the serial number of its copy.
     writers: Vec<(u64, JoinHandle<IoResult<SceneFile>>)>,
-    /// True once a copy could not be written; no more are made in this run.
-    has_failed: bool,
+    /// Reason why no more copies are made in this run, once one could not be written.
+    failure: Option<String>,
+    is_failure_reported: bool,
 }
 
 impl PastScenes {
-    /// Stores the scene of a moment if a copy is due and its size is within `budget` bytes.
-    pub fn record(&mut self, after: RunMoment, scene: &Arc<SplatSet>, budget: usize) {
+    /// Stores the scene of a moment if a copy is due and its size is within `budget` bytes. The copy is
+    /// written to the first of the `folders` that takes it.
+    pub fn record(
+        &mut self,
+        after: RunMoment,
+        scene: &Arc<SplatSet>,
+        folders: &Arc<[PathBuf]>,
+        budget: usize,
+    ) {
         let n_frames = after.n_seen;
         if self.moments.last().is_some_and(|last| n_frames < last.after.n_seen) {
             // The run was restarted.
             *self = Self { serial: self.serial, ..Self::default() };
         }
-        if n_frames == 0 || self.has_failed || !self.is_due(n_frames) {
+        if n_frames == 0 || self.failure.is_some() || !self.is_due(n_frames) {
             return;
         }
         let bytes = bytes_of(scene);
@@ -85,10 +93,10 @@ impl PastScenes {
         self.serial += 1;
         let (content, serial) = (PastContent::Shared(scene.clone()), self.serial);
         self.moments.push(PastScene { after, n_splats: scene.len(), content, serial, bytes });
-        let shared = scene.clone();
+        let (shared, folders) = (scene.clone(), folders.clone());
         // Without a thread the copy keeps sharing memory with the scene.
         if let Ok(writer) =
-            Builder::new().name("past".into()).spawn(move || SceneFile::write(&shared))
+            Builder::new().name("past".into()).spawn(move || SceneFile::write(&shared, &folders))
         {
             self.writers.push((self.serial, writer));
         }
@@ -106,12 +114,24 @@ impl PastScenes {
             match writer.join().unwrap_or_else(|_| panicked()) {
                 Ok(file) => self.moments[at].content = PastContent::Written(Arc::new(file)),
                 Err(error) => {
-                    tracing::warn!("the history of this run ends: storing a scene failed: {error}");
-                    self.moments.remove(at);
-                    self.has_failed = true;
+                    let after = self.moments.remove(at).after.n_seen;
+                    self.failure = Some(format!(
+                        "The history of this run ends at frame {after}: a scene could not be stored: {error}; free disk space, or make the folder writable; the next run then has a history again"
+                    ));
                 }
             }
         }
+    }
+
+    /// Returns the reason why no more copies are made in this run, if any.
+    pub fn failure(&self) -> Option<&str> {
+        self.failure.as_deref()
+    }
+
+    /// Returns that reason once, for a notice.
+    pub fn take_unreported_failure(&mut self) -> Option<String> {
+        let is_reported = std::mem::replace(&mut self.is_failure_reported, self.failure.is_some());
+        self.failure.clone().filter(|_| !is_reported)
     }
 
     pub fn set_budget(&mut self, budget: usize) {
@@ -184,9 +204,26 @@ struct TextureRow {
 }
 
 impl SceneFile {
-    fn write(scene: &SplatSet) -> IoResult<Self> {
+    /// Writes a scene to a file in the first of the folders that takes it.
+    ///
+    /// # Errors
+    /// If no folder takes it; the message names each with the reason.
+    fn write(scene: &SplatSet, folders: &[PathBuf]) -> IoResult<Self> {
+        let mut problems = Vec::new();
+        for folder in folders {
+            // Folders may be on different disks: one may be full, the other not.
+            let file = std::fs::create_dir_all(folder).and_then(|()| tempfile::tempfile_in(folder));
+            match file.and_then(|file| Self::write_to(file, scene)) {
+                Ok(written) => return Ok(written),
+                Err(error) => problems.push(format!("{}: {error}", folder.display())),
+            }
+        }
+        Err(Error::other(problems.join("; ")))
+    }
+
+    fn write_to(file: File, scene: &SplatSet) -> IoResult<Self> {
         let (view, finishing) = (scene.view(), scene.finishing());
-        let mut out = BufWriter::with_capacity(1 << 16, unnamed_file()?);
+        let mut out = BufWriter::with_capacity(1 << 16, file);
         out.write_all(cast_slice(view.splats()))?;
         out.write_all(cast_slice(view.appearance()))?;
         for texture in finishing.textures.iter().flat_map(|textures| textures.iter()) {
@@ -247,17 +284,6 @@ fn read_rows<T: Pod>(input: &mut impl Read, n: usize) -> IoResult<Vec<T>> {
     Ok(rows)
 }
 
-/// Creates a file without a name in the state folder, else in the folder for temporary files, which may be
-/// in memory.
-fn unnamed_file() -> IoResult<File> {
-    let in_state = || {
-        let folder = user_folders::state()?;
-        std::fs::create_dir_all(&folder).ok()?;
-        tempfile::tempfile_in(folder).ok()
-    };
-    in_state().map_or_else(tempfile::tempfile, Ok)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -271,6 +297,10 @@ mod tests {
         Arc::new(vec![Splat::default(); n].into())
     }
 
+    fn folders() -> Arc<[PathBuf]> {
+        Arc::new([std::env::temp_dir()])
+    }
+
     fn frames(past: &PastScenes) -> Vec<usize> {
         past.moments().iter().map(|moment| moment.after.n_seen).collect()
     }
@@ -280,11 +310,11 @@ mod tests {
         let mut past = PastScenes::default();
         assert!(past.latest_at(5).is_none());
         for n in 0..=32 {
-            past.record(at(n), &scene(n), usize::MAX);
+            past.record(at(n), &scene(n), &folders(), usize::MAX);
         }
         assert_eq!(frames(&past), (1..=32).collect::<Vec<_>>());
         for n in 33..=10_000 {
-            past.record(at(n), &scene(3), usize::MAX);
+            past.record(at(n), &scene(3), &folders(), usize::MAX);
             assert!(past.moments().len() <= MAX_MOMENTS);
         }
         let kept = frames(&past);
@@ -299,12 +329,12 @@ mod tests {
         let budget = 10 * bytes_of(&scene(100));
         let mut past = PastScenes::default();
         for n in 1..200 {
-            past.record(at(n), &scene(n.min(100)), budget);
+            past.record(at(n), &scene(n.min(100)), &folders(), budget);
             assert!(past.bytes() <= budget, "{n}");
         }
         assert!(past.bytes() > 8 * budget / 10, "{:?}", frames(&past));
         let before = frames(&past);
-        past.record(at(300), &scene(100_000), budget);
+        past.record(at(300), &scene(100_000), &folders(), budget);
         assert_eq!(frames(&past), before);
         past.set_budget(budget / 4);
         assert!(!past.moments().is_empty() && past.bytes() <= budget / 4);
@@ -324,7 +354,7 @@ mod tests {
         let (mut past, mut now) = (PastScenes::default(), scene(1000));
         let changed = Splat { opacity: 0.5, ..Splat::default() };
         for n_frames in 1..=4 {
-            past.record(at(n_frames), &now, usize::MAX);
+            past.record(at(n_frames), &now, &folders(), usize::MAX);
             // Writing may finish before or after the next change; both must be correct.
             if n_frames % 2 == 0 {
                 wait_until_written(&mut past);
@@ -355,7 +385,7 @@ mod tests {
         let mut rich = SplatSet::from(vec![Splat::default(); 3]);
         rich.push(Splat { opacity: 0.7, ..Splat::default() }, look);
         for scene in [rich.clone().finished(finishing), rich, SplatSet::default()] {
-            let file = SceneFile::write(&scene).unwrap();
+            let file = SceneFile::write(&scene, &folders()).unwrap();
             for _ in 0..2 {
                 assert_eq!(file.read().unwrap(), scene);
             }
@@ -363,10 +393,41 @@ mod tests {
     }
 
     #[test]
+    #[cfg(target_os = "linux")]
+    fn another_folder_is_used_and_the_loss_of_all_is_reported_once_a_run() {
+        let none = PathBuf::from("/dev/null/none");
+        let both: Arc<[PathBuf]> = Arc::new([none.clone(), std::env::temp_dir()]);
+        let none: Arc<[PathBuf]> = Arc::new([none]);
+        let mut past = PastScenes::default();
+        for n in [1, 2] {
+            past.record(at(n), &scene(1), &both, usize::MAX);
+        }
+        wait_until_written(&mut past);
+        assert!(past.moments()[1].splats().is_ok() && past.take_unreported_failure().is_none());
+        past.record(at(3), &scene(1), &none, usize::MAX);
+        wait_until_written(&mut past);
+        let text = past.take_unreported_failure().unwrap_or_default();
+        assert!(text.contains("frame 3") && text.contains("/dev/null/none: "), "{text}");
+        assert_eq!((past.take_unreported_failure(), past.failure()), (None, Some(&*text)));
+        past.record(at(4), &scene(1), &folders(), usize::MAX);
+        assert_eq!(frames(&past), [1, 2], "a history with a gap");
+        past.record(at(1), &scene(1), &folders(), usize::MAX);
+        assert_eq!((frames(&past), past.failure()), (vec![1], None), "the next run");
+    }
+
+    #[test]
+    fn a_full_disk_is_an_error() {
+        let full = std::fs::OpenOptions::new().write(true).open("/dev/full");
+        let Ok(full) = full else { return };
+        let error = SceneFile::write_to(full, &scene(1)).unwrap_err();
+        assert_eq!(error.kind(), std::io::ErrorKind::StorageFull);
+    }
+
+    #[test]
     fn a_run_that_begins_anew_forgets_what_was_before() {
         let mut past = PastScenes::default();
         for n in [1, 2, 3, 1] {
-            past.record(at(n), &scene(1), usize::MAX);
+            past.record(at(n), &scene(1), &folders(), usize::MAX);
         }
         assert_eq!(frames(&past), [1]);
     }

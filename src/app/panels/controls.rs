@@ -27,7 +27,8 @@ pub fn reset_dot(name: &str, default: &str, differs: bool, ui: &mut Ui) -> bool 
     response.on_hover_text(format!("Changed. Click to reset to {default}")).clicked()
 }
 
-pub const SLIDER: f32 = 200.0;
+/// Width of a slider that has a label before and a button behind it, points.
+pub const SLIDER: f32 = 150.0;
 
 /// Draws the button of a command. If `why_not` contains a reason, the button is disabled. Returns true if
 /// it is clicked.

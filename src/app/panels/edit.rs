@@ -1,12 +1,14 @@
 //! Panel of edits: selection, crop box, hidden and deleted splats, earlier frames.
 
 use super::controls::{SLIDER, command_button, named, section, weak};
+use super::signal_color::SignalColor;
 use crate::app::command::UiCommand;
 use crate::app::edit::editor::{EditCounts, Editor};
 use crate::app::state::{Opened, Snapshot};
 use crate::app::viewer::SceneView;
 use crate::app::viewer::settings::MAX_PAST_MB;
-use eframe::egui::{Button, DragValue, Grid, Response, ScrollArea, Slider, Ui};
+use crate::app::wording;
+use eframe::egui::{Button, DragValue, Grid, Label, Response, ScrollArea, Slider, Ui};
 
 pub fn ui(
     view: &mut SceneView,
@@ -22,7 +24,8 @@ pub fn ui(
         commands(editor, &[UiCommand::BoxSelect, UiCommand::Undo, UiCommand::Redo], &mut asked, ui);
         weak(ui, "Drag a box in the viewport to select splats, including occluded ones. Shift adds, Ctrl removes; the right button still pans.");
         section("Selected", ui);
-        ui.label(format!("{} of {} splats", counts.selected, counts.all));
+        let [selected, all] = [counts.selected, counts.all].map(wording::grouped);
+        ui.label(format!("{selected} of {all} splats"));
         let of_selection = [UiCommand::HideSelected, UiCommand::DeleteSelected, UiCommand::Deselect];
         ui.horizontal_wrapped(|ui| {
             of_selection.into_iter().for_each(|command| button(editor, command, &mut asked, ui));
@@ -107,14 +110,15 @@ fn hidden_and_deleted(
     asked: &mut Option<UiCommand>,
     ui: &mut Ui,
 ) {
-    let written = counts.all - counts.left_out;
-    ui.label(format!("An export writes {written} of {} splats.", counts.all));
+    let [written, all] = [counts.all - counts.left_out, counts.all].map(wording::grouped);
+    ui.label(format!("An export writes {written} of {all} splats."));
     if counts.left_out > 0 {
-        let (deleted, outside) = (counts.deleted, counts.left_out - counts.deleted);
+        let [deleted, outside] =
+            [counts.deleted, counts.left_out - counts.deleted].map(wording::grouped);
         ui.label(format!("Excluded: {deleted} deleted, {outside} others outside the crop box"));
     }
     if counts.hidden > 0 {
-        ui.label(format!("{} hidden, but still exported", counts.hidden));
+        ui.label(format!("{} hidden, but still exported", wording::grouped(counts.hidden)));
     }
     commands(editor, &[UiCommand::ShowHidden, UiCommand::RestoreDeleted], asked, ui);
     weak(ui, "The model, its checkpoints and its quality figures include all splats.");
@@ -122,6 +126,9 @@ fn hidden_and_deleted(
 
 fn walk_back(view: &mut SceneView, snapshot: &Snapshot, ui: &mut Ui) {
     let editor = &mut view.editor;
+    if let Some(failure) = editor.stored_scenes.failure() {
+        ui.add(Label::new(SignalColor::Yellow.text(failure, ui)).wrap());
+    }
     if editor.stored_scenes.moments().is_empty() {
         editor.earlier_frames = None;
         weak(ui, "Available for scenes trained since they were opened.");
@@ -168,8 +175,8 @@ fn budget(view: &mut SceneView, ui: &mut Ui) {
     let mut budget = view.settings.panels.past_mb;
     let past = &view.editor.stored_scenes;
     let copies = match past.moments().len() {
-        1 => "1 copy".to_owned(),
-        n => format!("{n} copies"),
+        1 => "1 scene".to_owned(),
+        n => format!("{n} scenes"),
     };
     let taken = past.bytes() as f64 / 1e6;
     ui.horizontal_wrapped(|ui| {

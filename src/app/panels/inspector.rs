@@ -28,10 +28,7 @@ pub fn ui(snapshot: &Snapshot, ui: &mut Ui) {
     };
     let origin = snapshot.opened.as_ref().map_or(DVec3::ZERO, |opened| opened.local_origin);
     let sections = sections(inspected, origin);
-    let title = match **inspected {
-        Inspected::Component(_) => format!("Component {}", inspected.id()),
-        Inspected::Splat { .. } => format!("Splat {}", inspected.id()),
-    };
+    let title = format!("Splat {}", inspected.id());
     ui.horizontal(|ui| {
         ui.label(RichText::new(&title).strong());
         let copy = ui.button("Copy").on_hover_text("Copies these values to the clipboard as text");

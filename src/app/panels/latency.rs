@@ -30,7 +30,7 @@ const COLORS: [Color32; MAX_STAGES] = [
 const BUDGETS_MS: RangeInclusive<f64> = 1.0..=10_000.0;
 /// Width of a number column in the table, points.
 // Fixed, so that columns do not move.
-const NUMBER_WIDTH: f32 = 54.0;
+const NUMBER_WIDTH: f32 = 40.0;
 const BUDGET: Color32 = Color32::from_rgb(240, 100, 90);
 
 /// Draws the panel. Returns the timings as CSV if the user requests a file of them.
@@ -190,7 +190,10 @@ fn row(
     swatch(color, ui);
     let named = ui.label(label);
     for q in [0.5, 0.95, 1.0] {
-        number(ui, RichText::new(format!("{:.1}", quantile(&values, q))).monospace());
+        let value = quantile(&values, q);
+        // Five characters at most, so that a narrow panel shows all columns.
+        let text = if value < 999.95 { format!("{value:.1}") } else { format!("{value:.0}") };
+        number(ui, RichText::new(text).monospace());
     }
     ui.end_row();
     named

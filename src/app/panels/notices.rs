@@ -15,6 +15,8 @@ const WIDTH: f32 = 620.0;
 /// Distance from the top of the viewport, points.
 // Captions of compared pictures lie above.
 const TOP: f32 = 40.0;
+/// Width at the right of the viewport that the orientation axes and their button occupy, points.
+const AXES: f32 = 80.0;
 /// Height above which the notices scroll, as a fraction of the viewport's height, and minimum value of that
 /// height, points.
 // The viewport below needs room in small windows.
@@ -44,8 +46,9 @@ impl NoticeBoard {
             return (0.0, None);
         }
         // Restricted to the viewport: over the panels they would block controls.
-        let room = ui.max_rect().width() - 40.0;
-        let top = ui.max_rect().center_top() + Vec2::new(0.0, TOP);
+        let place = ui.max_rect().with_max_x(ui.max_rect().right() - AXES);
+        let room = place.width() - 40.0;
+        let top = place.center_top() + Vec2::new(0.0, TOP);
         let most = (MAX_SHARE * ui.max_rect().height()).max(MIN_HEIGHT);
         let mut asked = None;
         let area = Area::new(Id::unique("notices")).fixed_pos(top).pivot(Align2::CENTER_TOP);

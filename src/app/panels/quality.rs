@@ -12,7 +12,7 @@ use crate::eval::report::{Detail, QualityPoint, RetainedFrame, ViewReport};
 use crate::model::attributes::ComponentAttributes;
 use crate::render::finish::ramp;
 use eframe::egui::{Button, Color32, Frame, Grid, Image, Margin, RichText, ScrollArea, Ui, Vec2};
-use egui_plot::{Bar, BarChart, Legend, Line, PlotPoints, PlotUi, Points};
+use egui_plot::{Bar, BarChart, Corner, Legend, Line, PlotPoints, PlotUi, Points};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct QualityPlot {
@@ -79,7 +79,7 @@ pub fn ui(
         inner.show(ui, |ui| {
             summary(quality, snapshot, ui);
             groups(quality, snapshot.frames_done, ui);
-            weak(ui, &format!("Measured on {}", evaluation.why));
+            weak(ui, &format!("Measured on {}", evaluation.why.replace('`', "")));
             if let Some(problem) = &quality.problem {
                 ui.label(SignalColor::Yellow.text(problem, ui));
             }
@@ -105,10 +105,10 @@ fn summary(quality: &QualityMonitor, snapshot: &Snapshot, ui: &mut Ui) {
     let (done, all) = quality.progress();
     let after = |point: &QualityPoint| format!("after {}", wording::count(point.frames, "frame"));
     let (point, what) = match (quality.result(), quality.history.last()) {
-        (Some(point), _) => (point, format!("mean of {all} views {}", after(&point))),
+        (Some(point), _) => (point, format!("Mean of {all} views {}", after(&point))),
         (None, Some(&point)) => {
             let after = after(&point);
-            (point, format!("sampled {after}; {done} of {all} views measured"))
+            (point, format!("Sampled {after}; {done} of {all} views measured"))
         }
         (None, None) => {
             let text = match snapshot.frames_done {
@@ -119,8 +119,8 @@ fn summary(quality: &QualityMonitor, snapshot: &Snapshot, ui: &mut Ui) {
             return;
         }
     };
-    ui.label(RichText::new(format!("{:.2} dB", point.psnr)).size(24.0).strong());
-    let mut line = format!("PSNR · SSIM {:.3}{}", point.ssim, detail(" · ", point.detail));
+    ui.label(RichText::new(format!("PSNR {:.2} dB", point.psnr)).size(24.0).strong());
+    let mut line = format!("SSIM {:.3}{}", point.ssim, detail(" · ", point.detail));
     if let Some(error) = point.depth_error {
         line += &format!(" · depth error {}", format_number(error));
     }
@@ -303,7 +303,9 @@ fn retention(frames: &[RetainedFrame], ui: &mut Ui) {
     ui.label(RichText::new("Retention").strong())
         .on_hover_text("PSNR of earlier frames, measured again during training: a falling curve means that the frame is forgotten");
     let axes = ["frames trained", "PSNR, dB"];
-    plot("retention", axes, 180.0).legend(Legend::default()).show(ui, |plot| {
+    // Curves end high, at the newest figures.
+    let legend = Legend::default().position(Corner::RightBottom);
+    plot("retention", axes, 180.0).legend(legend).show(ui, |plot| {
         for (i, frame) in frames.iter().enumerate() {
             let color = to_color32(ramp(0.15 + 0.8 * i as f32 / frames.len() as f32));
             // Of one width, because the legend is sorted by text.

@@ -111,7 +111,6 @@ fn marked_section(
             *settings = default;
         }
     });
-    ui.add_space(2.0);
 }
 
 fn splats(settings: &mut ViewSettings, ui: &mut Ui) {

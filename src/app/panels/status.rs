@@ -70,10 +70,10 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Opt
         skipped(snapshot, ui);
         ui.separator();
         if let Some(bytes) = report::rss_bytes() {
-            let model = snapshot.model.bytes as f64 / 1048576.0;
-            ui.label(format!("{:.0} MiB", bytes as f64 / 1048576.0)).on_hover_text(format!(
-                "Memory of the whole program; the model alone: {model:.0} MiB"
-            ));
+            let model = snapshot.model.bytes as f64 * 1e-6;
+            let text = format!("{:.0} MB of memory", bytes as f64 * 1e-6);
+            ui.label(text)
+                .on_hover_text(format!("The whole program; the scene alone: {model:.0} MB"));
             ui.separator();
         }
         // Truncated: its length is unbounded, and a wrapped bar would resize the viewport.

@@ -97,7 +97,8 @@ fn before_training(
 fn poses(snapshot: &Snapshot, ui: &mut Ui) {
     let Some(check) = &snapshot.sampling.poses else { return };
     let agreement = RichText::new(wording::pose_agreement(check)).weak();
-    ui.add(Label::new(agreement).wrap());
+    let axes = check.opened.poses.name();
+    ui.add(Label::new(agreement).wrap()).on_hover_text(format!("Axes of the poses: {axes}"));
     for warning in check.warnings() {
         ui.add(Label::new(SignalColor::Yellow.text(warning, ui)).wrap());
     }
@@ -122,14 +123,14 @@ fn results(
     // Above the figures, so that a low window shows all of them.
     let next = if snapshot.state.is_at_rest() { next_steps(snapshot, finer, ui) } else { None };
     Grid::new("summary").num_columns(2).spacing([14.0, 3.0]).show(ui, |ui| {
-        for (label, value) in figures(snapshot, quality, result).into_iter().chain(facts(snapshot))
-        {
+        let figures = figures(snapshot, quality, result).into_iter().chain(facts(snapshot));
+        for Figure { label, meaning, value } in figures {
             // Of bounded width, so that the values have room.
             ui.scope(|ui| {
                 ui.set_max_width(LABEL_WIDTH);
-                ui.add(Label::new(RichText::new(label).weak()).wrap());
+                ui.add(Label::new(RichText::new(label).weak()).wrap()).on_hover_text(meaning);
             });
-            ui.add(Label::new(value).wrap());
+            ui.add(Label::new(value).wrap()).on_hover_text(meaning);
             ui.end_row();
         }
     });
@@ -198,34 +199,52 @@ fn verdict(point: &QualityPoint) -> String {
     }
 }
 
+/// Row of the table of figures.
+struct Figure {
+    label: &'static str,
+    /// Explanation for readers who do not know the figure.
+    meaning: &'static str,
+    value: String,
+}
+
+fn figure(label: &'static str, meaning: &'static str, value: String) -> Figure {
+    Figure { label, meaning, value }
+}
+
 /// Returns the figures of quality. `result` is the mean over all views, once it is known.
 fn figures(
     snapshot: &Snapshot,
     quality: &QualityMonitor,
     result: Option<QualityPoint>,
-) -> Vec<(&'static str, String)> {
+) -> Vec<Figure> {
     if snapshot.source != Source::Dataset {
         return Vec::new();
     }
-    let mut rows = vec![("New views", quality_text(quality, result))];
+    let views = "Photographs that were not trained, compared with the scene. PSNR in dB and SSIM: the higher, the closer. Detail: correlation of structure one and two pixels wide with the photographs, at most 1";
+    let mut rows = vec![figure("New views", views, quality_text(quality, result))];
     if let Some((psnr, share)) = result.and_then(|point| point.covered) {
         let text = format!("{psnr:.2} dB over {:.0} % of the pixels", 100.0 * share);
-        rows.push(("… where the scene has splats", text));
+        let covered = "The same over the pixels that splats cover";
+        rows.push(figure("… where the scene has splats", covered, text));
     }
     if let Some(point) = quality.side_result() {
-        rows.push(("From the side", format!("{:.2} dB, SSIM {:.3}", point.psnr, point.ssim)));
+        let text = format!("{:.2} dB, SSIM {:.3}", point.psnr, point.ssim);
+        rows.push(figure("From the side", "Views away from the path of the camera", text));
     }
     rows
 }
 
-fn facts(snapshot: &Snapshot) -> Vec<(&'static str, String)> {
+fn facts(snapshot: &Snapshot) -> Vec<Figure> {
     let mut rows = Vec::new();
     if let Some(ms) = snapshot.median_frame_ms() {
-        rows.push(("Speed", format!("{ms:.1} ms a frame")));
+        let text = format!("{ms:.1} ms a frame");
+        rows.push(figure("Speed", "Median training time of the latest frames", text));
     }
     if snapshot.source == Source::Dataset {
-        rows.push(("Splats", wording::grouped(snapshot.model.used)));
-        rows.push(("Memory", format!("{:.1} MB", snapshot.model.bytes as f64 * 1e-6)));
+        let splats = "Coloured ellipsoids that make up the scene";
+        rows.push(figure("Splats", splats, wording::grouped(snapshot.model.used)));
+        let text = format!("{:.1} MB", snapshot.model.bytes as f64 * 1e-6);
+        rows.push(figure("Model size", "Memory of splats and textures", text));
     }
     rows
 }
@@ -304,7 +323,7 @@ fn describe_layout(opened: &Opened) -> Vec<String> {
         let trained = opened.plan.as_ref().filter(|plan| plan.split == i);
         let name = match trained {
             Some(_) => "Training".to_owned(),
-            None => split.name.clone(),
+            None => format!("Split “{}”", split.name),
         };
         let what = match (split.has_depth, trained.map(|plan| plan.first_pass().len())) {
             (_, Some(trained)) if trained == n => String::new(),
@@ -421,7 +440,7 @@ const BUTTON: Vec2 = Vec2::new(220.0, 32.0);
 
 /// Draws an outlined target area for dropped folders. The whole window accepts drops.
 fn target(ui: &mut Ui) {
-    let width = (ui.available_width() - 40.0).clamp(100.0, 460.0);
+    let width = (ui.available_width() - 40.0).clamp(100.0, 560.0);
     let line = Stroke::new(1.5, Color32::from_gray(110));
     // A frame, not a painted rectangle: it grows when lines wrap in a narrow window.
     let frame = Frame::new().stroke(line).corner_radius(8.0).inner_margin(14.0);

@@ -30,7 +30,7 @@ pub fn ui(settings: &mut TrainSettings, ui: &mut Ui) {
         };
         details(&mut settings.paper, check, ui);
     }
-    ui.label(RichText::new("Applies to the next opened dataset, and after Reset").weak());
+    ui.label(RichText::new("Applies to runs that begin from now on, and after Reset").weak());
     let help = "Saves during training; after a crash, the next start offers to resume";
     let texts = ["Autosave every", help, "Autosave every", " s"];
     optional_number(&mut settings.autosave_s, autosave::DEFAULT_S, AUTOSAVES_S, texts, ui);

@@ -176,7 +176,10 @@ impl Studio {
             // Tab is a command here; egui would also move the focus, and with it the keyboard input.
             ui.memory_mut(|memory| memory.move_focus(FocusDirection::None));
         }
-        for command in UiCommand::ALL {
+        let mut commands = UiCommand::ALL;
+        // Redo first: the shortcut of Undo also matches while the additional modifier of Redo is held.
+        commands.sort_by_key(|command| *command != UiCommand::Redo);
+        for command in commands {
             if !command.is_available(snapshot.state, snapshot.source) {
                 continue;
             }

@@ -19,7 +19,7 @@ const GAP: f32 = 1.0;
 /// Minimum size of a panel resized by dragging, points.
 const MIN_SIZE: f32 = 120.0;
 /// Margins of a panel's contents and of a tab's title, points.
-const MARGIN: Margin = Margin { left: 8, right: 4, top: 4, bottom: 2 };
+const MARGIN: Margin = Margin { left: 8, right: 8, top: 4, bottom: 2 };
 const TAB_MARGIN: Vec2 = Vec2::new(6.0, 2.0);
 /// Minimum margin of a tab's title in a narrow panel, points.
 const MIN_TAB_MARGIN: f32 = 2.0;

@@ -115,6 +115,7 @@ impl Studio {
         let (painter, adapter) = ViewPainter::choose(device.as_ref(), painting, waker.waker())?;
         let shell = Shell::new(context.egui_ctx.clone(), waker, device, adapter, exit);
         let mut view = shell.scene_view(painter, view);
+        view.past_folders = worker.folders().clone();
         worker.set_interval(view.painter.snapshot_interval());
         // The previous window may have requested another attribute.
         worker.send(WorkerOrder::Watch(None));
@@ -264,7 +265,9 @@ impl Studio {
             self.panels.applied = Some(applied);
         }
         let is_another = self.view.is_another(opened);
-        self.view.reset_for_subject(opened);
+        if let Some(lost) = self.view.reset_for_subject(opened) {
+            self.report(NoticeKind::Warning, lost);
+        }
         if is_another
             && let Some((_, before)) =
                 self.panels.before_retrain.take().filter(|(files, _)| *files == opened.files)
@@ -303,6 +306,9 @@ impl Studio {
         self.view.overlays.path = shows_path.then(|| self.film.path.clone());
         if let Some(message) = self.view.ui(ui, snapshot) {
             self.report(NoticeKind::Error, message);
+        }
+        if let Some(problem) = self.view.editor.take_past_problem() {
+            self.report(NoticeKind::Warning, problem);
         }
         let settings = &self.view.settings;
         // Quality is measured at dataset cameras, which are pinhole cameras.

@@ -185,6 +185,7 @@ impl Studio {
                 local_origin: opened.local_origin,
                 defined_up: None,
                 radius: framing.radius,
+                is_in_file: !snapshot.has_training_to_lose(),
             };
             (opened.files.clone(), before)
         });

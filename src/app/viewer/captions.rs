@@ -6,7 +6,6 @@ use super::{SceneView, measure};
 use crate::app::command::UiCommand;
 use crate::app::fonts::icon;
 use crate::app::panels::controls::named;
-use crate::render::Renderer;
 use crate::render::compare::Combination;
 use eframe::egui::{
     Align2, Button, Color32, CursorIcon, EventFilter, FontId, Id, Key, Label, Pos2, Rect, RichText,
@@ -54,20 +53,16 @@ impl SceneView {
     }
 
     fn captions(&self, ui: &mut Ui, inner: Rect, second: &ComparedPicture) {
-        let own = match self.settings.renderer {
-            Renderer::Projected => "Projected",
-            Renderer::Exact => "Exact",
-        };
         let is_difference = matches!(second.how, Combination::Difference(_));
         let (left, right) = match &second.partner {
             Partner::Splats(_) if is_difference => ("Projected", "exact"),
             Partner::Splats(_) => ("Projected", "Exact"),
             Partner::Model(model, _) => ("Scene", model.name.as_str()),
-            Partner::Photo(_) if is_difference => (own, "photograph"),
+            Partner::Photo(_) if is_difference => ("Scene", "photograph"),
             Partner::Photo(_) if self.comparison.mode() == ViewMode::Preparation => {
-                (own, "Preparation")
+                ("Scene", "Preparation")
             }
-            Partner::Photo(_) => (own, "Photograph"),
+            Partner::Photo(_) => ("Scene", "Photograph"),
         };
         if is_difference {
             // Rounded as in the toolbar.

@@ -33,6 +33,8 @@ pub struct Comparison {
     /// Position of the wipe divider, as a fraction of the viewport's width.
     pub divider: f32,
     model: Option<Arc<ComparedModel>>,
+    /// Recording in whose world the second model is: that of the dataset opened last.
+    recording: Option<Recording>,
     reading: Option<(PathBuf, Job<ReadModel>)>,
     /// Preview of an export. While it is shown, its model replaces `model`.
     pub(super) preview: ExportPreview,
@@ -47,6 +49,7 @@ impl Default for Comparison {
             mode: ViewMode::Single,
             divider: 0.5,
             model: None,
+            recording: None,
             reading: None,
             preview: ExportPreview::default(),
             mode_before_preview: None,
@@ -93,6 +96,34 @@ impl Comparison {
 
     pub fn remove_model(&mut self) {
         (self.model, self.reading) = (None, None);
+        self.end_photos();
+    }
+
+    /// Ends the thread of photographs, which retains the photograph and the model that it measured last.
+    fn end_photos(&mut self) {
+        if let Some(photos) = self.photos.take() {
+            // On another thread, because that of the photographs may wait for a drive.
+            let _ = std::thread::Builder::new().spawn(move || drop(photos));
+        }
+    }
+
+    /// Removes a second model that belongs to another recording than the one that was opened. It stays beside
+    /// checkpoints and further runs of its recording, and beside splat files, which may be of any recording.
+    /// Returns the text of a notice if no file contains the removed model.
+    pub(super) fn enter_world(&mut self, opened: &Opened) -> Option<String> {
+        self.end_photos();
+        let recording = Recording(opened.dataset.as_ref()?.path.clone());
+        let before = self.recording.replace(recording.clone())?;
+        if before == recording {
+            return None;
+        }
+        self.reading = None;
+        self.model.take().filter(|model| !model.is_in_file)?;
+        let name = before.0.as_ref().and_then(|path| path.file_name()).unwrap_or_default();
+        Some(format!(
+            "The scene before retraining “{}” is gone: it belonged to that recording, and no file contains it; save a run before retraining to keep both",
+            name.to_string_lossy()
+        ))
     }
 
     /// Shows the second model if its file has been read, and returns its notices. After an error the
@@ -247,6 +278,10 @@ impl Comparison {
 // The viewport of a small window is about 450 points wide.
 const MAX_NAME: usize = 30;
 
+/// Path of a recording; `None` for the demo.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Recording(Option<PathBuf>);
+
 #[derive(Clone, Debug)]
 pub struct ComparedModel {
     /// File name preceded by its folder, shortened for a caption.
@@ -258,6 +293,8 @@ pub struct ComparedModel {
     pub defined_up: Option<DVec3>,
     /// Radius of the model, world units. It determines the near plane.
     pub radius: f64,
+    /// True if the model can be opened again, or recomputed.
+    pub is_in_file: bool,
 }
 
 impl ComparedModel {
@@ -296,7 +333,7 @@ fn read(path: &Path) -> ReadModel {
         ));
     };
     let (name, radius) = (name_of(path), framing.radius);
-    let model = ComparedModel { name, splats, local_origin, defined_up, radius };
+    let model = ComparedModel { name, splats, local_origin, defined_up, radius, is_in_file: true };
     Ok((model, notices))
 }
 
@@ -329,6 +366,7 @@ mod compared_model_tests {
             local_origin: far,
             defined_up: None,
             radius: 1.0,
+            is_in_file: true,
         };
         model.place(DVec3::NEG_Y, far - DVec3::X);
         assert_eq!(model.splats.view().splats()[0].mean, [2.0, 2.0, 3.0]);

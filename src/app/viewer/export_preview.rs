@@ -217,6 +217,7 @@ fn convert(
         local_origin,
         // Already in the axes of the scene.
         defined_up: None,
+        is_in_file: true,
     };
     let losses = losses(scene.view(), choice);
     Ok(Converted { scene, model: Arc::new(model), bytes: file.bytes, losses })

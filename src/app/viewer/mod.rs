@@ -66,6 +66,8 @@ pub struct SceneView {
     // Kept beside the painter, because its replacement after a GPU failure needs all of them.
     pub palette: Palette,
     pub editor: Editor,
+    /// Folders for stored scenes of the run, in order of preference.
+    pub past_folders: Arc<[PathBuf]>,
     n_frames: usize,
     /// Serial number of the dataset or model for which the view was set up.
     serial: u64,
@@ -82,6 +84,7 @@ impl SceneView {
             painter: Painter::new(painter),
             palette: Palette::default(),
             editor: Editor::default(),
+            past_folders: Arc::default(),
             n_frames: 0,
             serial: 0,
             waker,
@@ -97,6 +100,7 @@ impl SceneView {
         self.editor.stored_scenes.record(
             at,
             self.palette.learned(),
+            &self.past_folders,
             self.settings.panels.past_bytes(),
         );
         self.pass_change_to_painter(change);
@@ -316,9 +320,10 @@ impl SceneView {
 
     /// Resets the view if another dataset or model is open: no camera, comparison or pending pick of the
     /// previous one remains. Must be called with every snapshot, before the view is drawn or handles keys.
-    pub fn reset_for_subject(&mut self, opened: &Opened) {
+    /// Returns the text of a notice if a second model is lost.
+    pub fn reset_for_subject(&mut self, opened: &Opened) -> Option<String> {
         if self.serial == opened.serial {
-            return;
+            return None;
         }
         self.serial = opened.serial;
         self.overlays.reset_for_subject();
@@ -326,6 +331,7 @@ impl SceneView {
         self.comparison.set_mode(ViewMode::Single);
         self.editor.reset();
         self.camera.reset_for_subject(opened);
+        self.comparison.enter_world(opened)
     }
 
     pub fn is_another(&self, opened: &Opened) -> bool {

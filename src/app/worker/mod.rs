@@ -44,6 +44,7 @@ pub struct Worker {
     orders: Option<SyncSender<WorkerOrder>>,
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
+    folders: Arc<[PathBuf]>,
 }
 
 impl Worker {
@@ -60,10 +61,16 @@ impl Worker {
         let (orders, inbox) = sync_channel(MAX_ORDERS);
         let shared = Arc::new(Shared::default());
         shared.set_interval(INTERVAL);
-        let state = WorkerThread::new(inbox, shared.clone(), waker, folders);
+        let state = WorkerThread::new(inbox, shared.clone(), waker, folders.clone());
         let thread =
             std::thread::Builder::new().name("trainer".into()).spawn(move || state.run())?;
-        Ok(Self { orders: Some(orders), shared, thread: Some(thread) })
+        let folders = folders.into();
+        Ok(Self { orders: Some(orders), shared, thread: Some(thread), folders })
+    }
+
+    /// Folders for files that the program writes without a prompt, in order of preference.
+    pub fn folders(&self) -> &Arc<[PathBuf]> {
+        &self.folders
     }
 
     /// Sets the minimum time between two snapshots, and between updates of the splats; initially 33 ms.
