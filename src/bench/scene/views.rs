@@ -33,7 +33,7 @@ struct Sizes {
 
 const WHOLE: Sizes =
     Sizes { phone: [70, 12, 40], photograph: [720, 960], frames: usize::MAX, views: 50 };
-const QUICK: Sizes = Sizes { phone: [8, 2, 2], photograph: [240, 320], frames: 12, views: 4 };
+const QUICK: Sizes = Sizes { phone: [8, 2, 3], photograph: [240, 320], frames: 12, views: 4 };
 
 #[derive(Clone, Debug)]
 pub struct ViewsPlan {
@@ -190,7 +190,10 @@ fn measured(
     let groups: Vec<(&str, &Dataset, ViewGroup)> = match hold_out {
         HoldOut::Every8th => {
             let own = evaluation.from_the_side.into_iter().map(|group| (FREE, &**dataset, group));
-            let apart = free.iter().map(|free| (FREE, free, free.whole_split(0)));
+            let apart = free.iter().flat_map(|free| {
+                let split = free.splits.iter().position(|split| split.name == "free");
+                split.map(|split| (FREE, free, free.whole_split(split)))
+            });
             std::iter::once((NEW, &**dataset, evaluation.new_views))
                 .chain(own)
                 .chain(apart)
