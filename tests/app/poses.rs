@@ -31,7 +31,7 @@ fn poses_are_checked_beside_training_and_doubts_are_told() {
         wait(&mut window, "ready", is(RunState::Ready));
         wait(&mut window, "the check", |s| s.snapshot().sampling.poses.is_some());
         click(&mut window, "Summary");
-        let agreement = "of depth agrees with neighbouring frames (opengl)";
+        let agreement = "of depth agrees with neighbouring frames";
         assert!(window.query_all_by_label_contains(agreement).count() > 0);
         let snapshot = window.state().snapshot();
         let told = snapshot.notices.iter().filter(|n| n.kind == NoticeKind::Warning);
