@@ -43,7 +43,7 @@ fn held_out_views_are_measured_as_eval_does_and_a_click_flies_there() {
         window.get_by_role_and_label(Role::Button, metric).click_accesskit();
         window.run_steps(2);
     }
-    wait_for_label(&mut window, &format!("{:.2} dB", expected.psnr));
+    wait_for_label(&mut window, &format!("PSNR {:.2} dB", expected.psnr));
     wait(&mut window, "views from the side", |s| s.quality().side_result().is_some());
     let side = window.state().quality().side_result().unwrap();
     assert!((side.psnr - expected.psnr).abs() < 1e-9, "{side:?}");
