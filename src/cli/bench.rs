@@ -53,17 +53,13 @@ pub fn run(bench: &BenchName) -> Result<(), Failure> {
                 kept: args.common.out.join("paper"),
                 options: args.common.options(args.max_frames),
             };
-            if args.common.repeats.is_some() {
-                return Err(once("paper"));
-            }
+            check_once("paper", &args.common)?;
             measure(&args.common, |progress| protocol::run(&plan, progress))
         }
         BenchName::Report(args) => run_report(args),
         BenchName::Views(args) => run_views(args),
         BenchName::Retention(args) => {
-            if args.common.repeats.is_some() {
-                return Err(once("retention"));
-            }
+            check_once("retention", &args.common)?;
             on_dataset(args, |dataset, progress| {
                 retention::run(args.common.options(args.max_frames), dataset, progress)
             })
@@ -106,9 +102,7 @@ fn run_history(args: &HistoryArgs) -> Result<(), Failure> {
 }
 
 fn run_views(args: &ViewsBenchArgs) -> Result<(), Failure> {
-    if args.common.repeats.is_some() {
-        return Err(once("views"));
-    }
+    check_once("views", &args.common)?;
     let plan = ViewsPlan {
         data: args.data.clone(),
         kept: args.common.out.join("views"),
@@ -138,8 +132,13 @@ fn run_report(args: &ReportBenchArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-fn once(bench: &str) -> Failure {
-    usage!("--repeats: `bench {bench}` trains on the frames once, in order; leave the option out")
+fn check_once(bench: &str, args: &CommonArgs) -> Result<(), Failure> {
+    if args.repeats.is_some() {
+        return Err(usage!(
+            "--repeats: `bench {bench}` trains on the frames once, in order; leave the option out"
+        ));
+    }
+    Ok(())
 }
 
 /// Maximum number of image sizes that the plot can show.

@@ -155,7 +155,7 @@ impl MeasureTool {
     /// Draws the panel in which measured points become references of the exports' coordinates. `corner` is its upper
     /// left corner.
     pub fn ui(&mut self, ui: &Ui, corner: Pos2, world: &MeasuredWorld<'_>) {
-        if !self.is_on || self.ends.is_empty() && world.registration.is_none() {
+        if self.ends.is_empty() && world.registration.is_none() {
             return;
         }
         Area::new(Id::unique("measure")).fixed_pos(corner).show(ui.ctx(), |ui| {

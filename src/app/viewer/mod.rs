@@ -178,8 +178,10 @@ impl SceneView {
         if opened.plan.is_some() {
             self.guide_button(ui, rect);
         }
-        let corner = rect.left_top() + MEASURE;
-        self.overlays.measure.ui(ui, corner, &measured_world(opened, snapshot));
+        if self.overlays.is_measuring() {
+            let corner = rect.left_top() + MEASURE;
+            self.overlays.measure.ui(ui, corner, &measured_world(opened, snapshot));
+        }
         self.draw_captions(ui, rect, &request, photo.as_ref());
         // The past is drawn in its own colours, to which the legend does not apply.
         let legend = self.palette.legend().filter(|_| self.editor.displayed_past().is_none());
@@ -223,7 +225,9 @@ impl SceneView {
             let (frame, scene) = (self.camera.frame_ref(), self.palette.splats().finishing());
             self.overlays.draw_points(world, frame, run, scene, &self.waker);
         }
-        self.overlays.measure.draw(world, &measured_world(opened, snapshot));
+        if self.overlays.is_measuring() {
+            self.overlays.measure.draw(world, &measured_world(opened, snapshot));
+        }
         self.overlays.draw_path(world, opened.home.radius);
     }
 
@@ -503,6 +507,7 @@ impl SceneView {
     }
 }
 
+// Only while measuring: whether units are metres is found by a search through the frames.
 fn measured_world<'a>(opened: &Opened, snapshot: &'a Snapshot) -> MeasuredWorld<'a> {
     MeasuredWorld {
         registration: snapshot.registration.as_deref(),

@@ -214,17 +214,17 @@ fn measured(
         let mut rows = Vec::new();
         for (label, of, group) in &groups {
             for ((configuration, _), trained) in variants.iter().zip(&trained) {
-                let row = row(trained, of, group, views, &options)?;
-                let (recording, group) = (name.clone(), (*label).to_owned());
-                let configuration = (*configuration).to_owned();
-                rows.push(ViewsRow { recording, group, configuration, ..row });
+                let names = [&**name, label, configuration];
+                rows.push(row(names, trained, of, group, views, &options)?);
             }
         }
         Ok(rows)
     })
 }
 
+/// Measures a group of views. `names` are those of the recording, the group and the configuration.
 fn row(
+    names: [&str; 3],
     trained: &Trained,
     dataset: &Dataset,
     group: &ViewGroup,
@@ -236,10 +236,11 @@ fn row(
     let EvalMeans { psnr_mean, psnr_covered_mean, psnr_aligned_covered_mean, .. } = report.means;
     let Spread { median, quartiles } = Spread::of(trained.train_ms.clone());
     let detail = report.means.detail_mean;
+    let [recording, group, configuration] = names.map(str::to_owned);
     Ok(ViewsRow {
-        recording: String::new(),
-        configuration: String::new(),
-        group: String::new(),
+        recording,
+        configuration,
+        group,
         views: report.views,
         frames: trained.train_ms.len(),
         drawn: trained.drawn(),
