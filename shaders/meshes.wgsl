@@ -24,6 +24,11 @@ struct TexturedFragment {
     @location(1) @interpolate(linear) uv: vec2<f32>,
 }
 
+struct PictureFragment {
+    @builtin(position) position: vec4<f32>,
+    @location(0) @interpolate(linear) uv: vec2<f32>,
+}
+
 @vertex
 fn vertex_plain(in: Vertex) -> PlainFragment {
     return PlainFragment(vec4<f32>(in.position, 0.0, 1.0), in.color);
@@ -42,6 +47,16 @@ fn vertex_textured(in: Vertex) -> TexturedFragment {
 @fragment
 fn fragment_textured(in: TexturedFragment) -> @location(0) vec4<f32> {
     return in.color * textureSample(image, image_sampler, in.uv);
+}
+
+@vertex
+fn vertex_picture(in: Vertex) -> PictureFragment {
+    return PictureFragment(vec4<f32>(in.position, 0.0, 1.0), in.uv);
+}
+
+@fragment
+fn fragment_picture(in: PictureFragment) -> @location(0) vec4<f32> {
+    return textureSample(image, image_sampler, in.uv);
 }
 
 // One triangle that covers the target.

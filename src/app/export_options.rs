@@ -3,7 +3,7 @@
 use super::panels::controls::choices;
 use super::viewer::export_preview::{ExportChoice, PreviewReport};
 use super::wording;
-use crate::export::mapping::{self, GradientSplit, Mapping, OpacityMapping, is_plain};
+use crate::export::mapping::{self, DETAIL, GradientSplit, Mapping, OpacityMapping, is_plain};
 use crate::export::mesh::MeshFormat;
 use crate::export::{ExportError, ModelFormat, SpzVersion};
 use crate::model::splat::appearance::SplatView;
@@ -93,9 +93,9 @@ pub fn mapping(mapping: &mut Mapping, ui: &mut Ui) {
         ui.end_row();
         ui.label("Textures");
         let details = [
-            (None, "Leave out", "Writes each splat in its own colour"),
-            (Some(100_000), "100,000 splats", "Replaces splats with textures by small ones"),
-            (Some(400_000), "400,000 splats", "Sharper, in a file four times as large"),
+            (Some(DETAIL), "150,000 splats", "Replaces splats with textures by small ones"),
+            (Some(400_000), "400,000 splats", "Sharper, in a file almost three times as large"),
+            (None, "Leave out", "Writes each splat in its own colour: blurred, in a small file"),
         ];
         ui.horizontal(|ui| choices(&mut mapping.detail, &details, ui));
         ui.end_row();

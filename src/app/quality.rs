@@ -38,6 +38,8 @@ const SAMPLED: usize = 3;
 const MAX_VIEWS: usize = 100;
 /// Minimum pause between two measurements during training.
 const MIN_REST: Duration = Duration::from_millis(500);
+/// Pause of measurements after a movement of the camera.
+const HELD: Duration = Duration::from_millis(400);
 
 pub struct QualityMonitor {
     waker: Waker,
@@ -67,6 +69,7 @@ pub struct QualityMonitor {
     /// Numbers of frames of the earlier scenes that were measured, each for quality and for retention.
     past_measured: BTreeSet<(usize, QualityPurpose)>,
     rest_until: Instant,
+    held_until: Instant,
 }
 
 impl QualityMonitor {
@@ -89,7 +92,23 @@ impl QualityMonitor {
             retention: Retention::default(),
             past_measured: BTreeSet::new(),
             rest_until: Instant::now(),
+            held_until: Instant::now(),
         }
+    }
+
+    /// Starts no measurement for a moment, because the camera moves and its pictures need the cores.
+    pub fn hold(&mut self, context: &Context) {
+        self.held_until = Instant::now() + HELD;
+        // An idle window draws no pass that would notice the end of the pause.
+        context.request_repaint_after(HELD);
+    }
+
+    /// True if a measurement may start.
+    fn is_ready(&self) -> bool {
+        // A measurement that failed would fail again in every pass. The answer of a running one wakes the
+        // window, which tries again.
+        let is_busy = self.thread.as_ref().is_some_and(ViewThread::is_busy);
+        !is_busy && self.problem.is_none() && Instant::now() >= self.held_until
     }
 
     /// Returns the number of measured views of the current scene, and the number of views to measure.
@@ -275,12 +294,8 @@ impl QualityMonitor {
         every: Option<usize>,
     ) -> Option<(QualityPurpose, Vec<usize>)> {
         let frames = snapshot.frames_done;
-        // A measurement that failed would fail again in every pass.
-        if frames == 0 || self.problem.is_some() {
+        if frames == 0 || !self.is_ready() {
             return None;
-        }
-        if self.thread.as_ref().is_some_and(ViewThread::is_busy) {
-            return None; // the answer wakes the window, which tries again
         }
         let is_new = self.history.is_empty() || Some(frames) != self.measured_at;
         let sample = self.chosen(SAMPLED);
@@ -326,8 +341,7 @@ impl QualityMonitor {
         past: &'a [PastScene],
     ) -> Option<(QualityPurpose, Vec<usize>, &'a PastScene)> {
         let (done, all) = self.progress();
-        let is_busy = self.thread.as_ref().is_some_and(ViewThread::is_busy);
-        if is_busy || self.problem.is_some() || done < all {
+        if !self.is_ready() || done < all {
             return None;
         }
         let earlier = past.iter().filter(|scene| scene.after.n_seen < snapshot.n_seen());

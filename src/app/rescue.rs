@@ -62,19 +62,21 @@ impl fmt::Display for Rescue {
             Self::Nothing => write!(f, "no training was unsaved"),
             Self::Stored { path, frames } => {
                 let path = path.display();
-                write!(
-                    f,
-                    "the scene with its {frames} unsaved frames is in {path}: the next start offers to continue it"
-                )
+                let scene = unsaved_scene(*frames);
+                write!(f, "{scene} is in {path}: the next start offers to continue it")
             }
             Self::Lost { frames, problems } => {
                 let problems = problems.join("; ");
-                write!(
-                    f,
-                    "the scene with its {frames} unsaved frames could not be saved: {problems}"
-                )
+                write!(f, "{} could not be saved: {problems}", unsaved_scene(*frames))
             }
         }
+    }
+}
+
+fn unsaved_scene(frames: usize) -> String {
+    match frames {
+        0 => "the scene with its unsaved scale, level or coordinates".to_owned(),
+        _ => format!("the scene with its {frames} unsaved frames"),
     }
 }
 

@@ -242,6 +242,8 @@ pub struct Pace {
 pub struct FileState {
     /// Number of frames trained since the run was last saved or exported.
     pub unsaved_frames: usize,
+    /// True if scale, level or coordinates were set since the run was last saved or exported.
+    pub is_registration_unsaved: bool,
     pub latest_write: Option<WriteOutcome>,
     /// Number of the latest file that could not be written, and the error.
     pub failed_write: Option<(u64, Arc<str>)>,
@@ -282,7 +284,8 @@ impl Snapshot {
     /// True if training would be lost by closing the window or opening another dataset or model. Always
     /// false for the demo, which can be recomputed.
     pub fn has_training_to_lose(&self) -> bool {
-        self.files.unsaved_frames > 0 && self.opened.as_ref().is_some_and(|opened| !opened.is_demo)
+        (self.files.unsaved_frames > 0 || self.files.is_registration_unsaved)
+            && self.opened.as_ref().is_some_and(|opened| !opened.is_demo)
     }
 }
 

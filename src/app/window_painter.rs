@@ -12,13 +12,13 @@ use crate::render::gpu::meshes::{
 };
 use eframe::egui::epaint::textures::{TextureFilter, TextureOptions, TextureWrapMode};
 use eframe::egui::epaint::{
-    ClippedPrimitive, ClippedShape, ImageDelta, Mesh, Primitive, Vertex, WHITE_UV,
+    ClippedPrimitive, ClippedShape, ImageData, ImageDelta, Mesh, Primitive, Vertex, WHITE_UV,
 };
 use eframe::egui::{
     Color32, Context, FullOutput, Plugin, Pos2, Rect, Shape, TextureId, Vec2, ViewportId,
 };
 use eframe::egui_wgpu::RenderState;
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashSet};
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -33,13 +33,20 @@ impl WindowPainter {
         // Windows with an sRGB format encode colours themselves: they are left to egui.
         if !state.target_format.is_srgb() {
             let painter = MeshPainter::new(&state.device, state.target_format);
-            let window = KeptWindow { painter, shown: None, changes: Vec::new() };
+            let window =
+                KeptWindow { painter, shown: None, changes: Vec::new(), opaque: HashSet::new() };
             context.add_plugin(Self { state: state.clone(), window: Arc::new(Mutex::new(window)) });
         }
     }
 
     /// Passes changed texels to egui's renderer and records the changed area of the texture.
     fn update_texture(&self, window: &mut KeptWindow, id: TextureId, delta: &ImageDelta) {
+        let ImageData::Color(image) = &delta.image;
+        if !image.pixels.iter().all(Color32::is_opaque) {
+            window.opaque.remove(&id);
+        } else if delta.is_whole() {
+            window.opaque.insert(id);
+        }
         let RenderState { device, queue, renderer, .. } = &self.state;
         let mut renderer = renderer.write();
         renderer.update_texture(device, queue, id, delta);
@@ -95,6 +102,9 @@ impl Plugin for WindowPainter {
         for (id, deltas) in output.textures_delta.set.drain() {
             deltas.iter().for_each(|delta| self.update_texture(&mut window, id, delta));
         }
+        for id in &output.textures_delta.free {
+            window.opaque.remove(id);
+        }
         let shapes = std::mem::take(&mut output.shapes);
         let pixels_per_point = output.pixels_per_point;
         let primitives = context.tessellate(shapes, pixels_per_point);
@@ -145,6 +155,8 @@ pub struct KeptWindow {
     /// Egui pass that the stored image shows.
     shown: Option<Arc<WindowPass>>,
     changes: Vec<TextureChange>,
+    /// Textures without transparent texels.
+    opaque: HashSet<TextureId>,
 }
 
 impl KeptWindow {
@@ -166,7 +178,7 @@ impl KeptWindow {
                 .map(|place| touched_pixels(place, pass.pixels_per_point, size))
                 .collect(),
         };
-        mesh_list(pass, size, &places)
+        mesh_list(pass, size, &places, &self.opaque)
     }
 }
 
@@ -191,16 +203,26 @@ fn scissor(clip: Rect, pixels_per_point: f32, place: PixelRect) -> Option<PixelR
     (inside.min[0] < inside.max[0] && inside.min[1] < inside.max[1]).then_some(inside)
 }
 
-fn mesh_list(pass: &WindowPass, size: [u32; 2], places: &[PixelRect]) -> MeshList {
+fn mesh_list(
+    pass: &WindowPass,
+    size: [u32; 2],
+    places: &[PixelRect],
+    opaque: &HashSet<TextureId>,
+) -> MeshList {
     let mut list = MeshList::default();
     for &place in places {
-        let mut batches = Batches { list: &mut list, pass, size, place, open: Vec::new() };
+        let mut batches = Batches { list: &mut list, pass, size, place, open: Vec::new(), opaque };
         let points = batches.points(place);
-        let mut background = Mesh::default();
-        background.add_colored_rect(points, pass.background);
-        // First, because the image still shows the last pass there.
-        batches.add(&background, points);
-        for ClippedPrimitive { clip_rect, primitive } in &pass.primitives {
+        let covers = |primitive| covers(primitive, points, opaque);
+        let cover = pass.primitives.iter().rposition(covers);
+        if cover.is_none() {
+            let mut background = Mesh::default();
+            background.add_colored_rect(points, pass.background);
+            // First, because the image still shows the last pass there.
+            batches.add(&background, points);
+        }
+        // What lies below a picture of the scene is not drawn.
+        for ClippedPrimitive { clip_rect, primitive } in &pass.primitives[cover.unwrap_or(0)..] {
             if let Primitive::Mesh(mesh) = primitive {
                 batches.add(mesh, *clip_rect);
             }
@@ -208,6 +230,29 @@ fn mesh_list(pass: &WindowPass, size: [u32; 2], places: &[PixelRect]) -> MeshLis
         batches.close();
     }
     list
+}
+
+/// True if a primitive is an upright opaque picture that hides everything below it in `place` (points).
+fn covers(
+    ClippedPrimitive { clip_rect, primitive }: &ClippedPrimitive,
+    place: Rect,
+    opaque: &HashSet<TextureId>,
+) -> bool {
+    let Primitive::Mesh(mesh) = primitive else { return false };
+    // Two triangles whose corners are all at the corners of their bounds.
+    if mesh.vertices.len() != 4 || n_triangles(mesh) != 2 || !clip_rect.contains_rect(place) {
+        return false;
+    }
+    let bounds = mesh.calc_bounds();
+    let xs = [bounds.min.x, bounds.max.x];
+    let ys = [bounds.min.y, bounds.max.y];
+    (0..2).all(|i| {
+        let corners = triangle(mesh, i);
+        self::bounds(corners) == bounds
+            && corners.iter().all(|at| xs.contains(&at.pos.x) && ys.contains(&at.pos.y))
+            && matches!(kind(mesh.texture_id, &corners, opaque), MeshKind::Picture(_))
+    }) && triangle(mesh, 0) != triangle(mesh, 1)
+        && bounds.contains_rect(place)
 }
 
 /// Number of latest batches to which a new triangle may be added.
@@ -223,6 +268,7 @@ struct Batches<'a> {
     size: [u32; 2],
     place: PixelRect,
     open: Vec<OpenBatch>,
+    opaque: &'a HashSet<TextureId>,
 }
 
 struct OpenBatch {
@@ -258,7 +304,8 @@ impl Batches<'_> {
             // Most triangles end inside their clip: they need no scissor and share a batch with others.
             let is_whole = inside.contains_rect(bounds);
             let scissor = if is_whole { self.place } else { scissor };
-            self.join(kind(mesh.texture_id, &vertices), scissor, bounds.intersect(inside), indices);
+            let kind = kind(mesh.texture_id, &vertices, self.opaque);
+            self.join(kind, scissor, bounds.intersect(inside), indices);
         }
     }
 
@@ -294,14 +341,18 @@ impl Batches<'_> {
     }
 }
 
-fn kind(texture: TextureId, corners: &[Vertex; 3]) -> MeshKind {
+fn kind(texture: TextureId, corners: &[Vertex; 3], opaque: &HashSet<TextureId>) -> MeshKind {
     match texture {
         // Shapes without a texture use a white texel.
         TextureId::Managed(0) if corners.iter().all(|corner| corner.uv == WHITE_UV) => {
             let is_opaque = corners.iter().all(|corner| corner.color.is_opaque());
             if is_opaque { MeshKind::Opaque } else { MeshKind::Blended }
         }
-        TextureId::Managed(key) | TextureId::User(key) => MeshKind::Textured(key),
+        TextureId::Managed(key) | TextureId::User(key) => {
+            let is_white = corners.iter().all(|corner| corner.color == Color32::WHITE);
+            let is_picture = is_white && opaque.contains(&texture);
+            if is_picture { MeshKind::Picture(key) } else { MeshKind::Textured(key) }
+        }
     }
 }
 
@@ -545,6 +596,46 @@ mod tests {
         assert_eq!(places(change(other, pos2(1.0, 1.0))), [rect(0.0, 0.0)]);
         assert_eq!(places(change(other, pos2(0.4, 0.4))), []);
         assert_eq!(places(change(TextureId::Managed(0), pos2(1.0, 1.0))), []);
+    }
+
+    #[test]
+    fn only_an_upright_opaque_picture_hides_what_is_below_it() {
+        let key = TextureId::Managed(7);
+        let mut mesh = Mesh::with_texture(key);
+        let picture_rect = Rect::from_min_max(pos2(100.0, 100.0), pos2(300.0, 200.0));
+        let uv = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
+        mesh.add_rect_with_uv(picture_rect, uv, Color32::WHITE);
+        let clipped = |mesh: &Mesh| ClippedPrimitive {
+            clip_rect: CLIP,
+            primitive: Primitive::Mesh(mesh.clone()),
+        };
+        let opaque = HashSet::from([key]);
+        let hides = |mesh: &Mesh, place| covers(&clipped(mesh), place, &opaque);
+        assert!(hides(&mesh, picture_rect));
+        assert!(!hides(&mesh, picture_rect.expand(1.0)));
+        assert!(!covers(&clipped(&mesh), picture_rect, &HashSet::new()), "it may be transparent");
+        let mut turned = mesh.clone();
+        turned.vertices[0].pos.x += 20.0;
+        assert!(!hides(&turned, picture_rect));
+        let mut tinted = mesh.clone();
+        tinted.vertices[3].color = Color32::from_white_alpha(100);
+        assert!(!hides(&tinted, picture_rect));
+        let mut half = mesh.clone();
+        half.indices.copy_within(0..3, 3);
+        assert!(!hides(&half, picture_rect), "twice the same triangle");
+        let window = [squares(&[(0.0, 0.0, 1), (150.0, 150.0, 2)]), clipped(&mesh)];
+        let pass = WindowPass {
+            primitives: window.to_vec(),
+            pixels_per_point: 1.0,
+            background: Color32::BLACK,
+        };
+        let drawn = |place: Rect| {
+            let place = touched_pixels(place, 1.0, [1000, 1000]);
+            let list = mesh_list(&pass, [1000, 1000], &[place], &opaque);
+            list.batches.iter().map(|batch| batch.kind).collect::<Vec<_>>()
+        };
+        assert_eq!(drawn(picture_rect), [MeshKind::Picture(7)]);
+        assert_eq!(drawn(picture_rect.expand(1.0)), [MeshKind::Opaque, MeshKind::Picture(7)]);
     }
 
     #[test]

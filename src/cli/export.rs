@@ -218,9 +218,7 @@ fn note_assumptions(args: &ExportArgs, is_turned: bool, model: &Model) {
         );
     }
     match (mapping::lost_textures(model.splats.view()), args.mapping.export_detail) {
-        (Some(loss), None) => {
-            note!("note: {path}: {loss}; --export-detail writes them as small splats");
-        }
+        (Some(loss), Some(0)) => note!("note: {path}: {loss}"),
         (None, Some(_)) => {
             note!("note: {path}: no splat has a texture: --export-detail has no effect");
         }

@@ -4,9 +4,8 @@
 //! texture's lattice: large squares where the colour is even, single texels where it is not. A place of a
 //! surface belongs to the splat with the largest response there, so that overlapping textures are written once.
 
-use super::gaussian::{Gaussian, color_change, drawable, from_rows, wxyz};
+use super::gaussian::{Gaussian, color_change, drawable, from_rows};
 use crate::model::splat::appearance::{OPAQUE, SplatView};
-use crate::model::splat::splats::Splat;
 use crate::model::splat::texture::{Lattice, Texture};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
@@ -16,9 +15,15 @@ use std::collections::HashMap;
 const MIN_OPACITY: f64 = 0.5;
 /// Response of a splat, relative to its opacity, at the border of what it shows.
 const MIN_RESPONSE: f64 = 0.1;
+/// Response of a splat, relative to its opacity, below which it is neglected.
+const NEGLIGIBLE: f64 = 0.01;
+/// Least cosine between the normals of splats of one surface.
+const MIN_TOWARDS: f64 = 0.5;
 /// Standard deviations of a square's splat along and across its plane, in sides of the square.
 // Of 0.4 to 1, 0.7 had the highest PSNR on a phone's door: narrower splats leave gaps, wider ones blur.
 const SPREAD: [f64; 3] = [0.7, 0.7, 0.1];
+/// Integral of a square's response over its plane, in areas of the square.
+const OVERLAP: f64 = std::f64::consts::TAU * SPREAD[0] * SPREAD[1];
 /// Largest number of halvings of the interval of prices.
 const STEPS: usize = 50;
 
@@ -26,7 +31,7 @@ const STEPS: usize = 50;
 #[derive(Default)]
 pub(super) struct Detail {
     /// Small splats by the number of the splat that they replace.
-    of: HashMap<usize, Vec<Splat>>,
+    of: HashMap<usize, Vec<Gaussian>>,
 }
 
 impl Detail {
@@ -36,38 +41,39 @@ impl Detail {
         let texture = |i: usize| textures.get(i)?.as_deref();
         let largest = textures.iter().flatten().map(|texture| f64::from(texture.lattice.half));
         let surfaces = Surfaces::new(view, 2.0 * largest.fold(0.0, f64::max));
-        let textured: Vec<(&Surface, Plane<'_>)> = surfaces
+        let textured: Vec<Patch<'_>> = surfaces
             .all()
             // Others keep their blending with what is behind them.
             .filter(|surface| surface.splat.opacity >= MIN_OPACITY)
-            .filter_map(|surface| Some((surface, Plane::new(surface, texture(surface.number)?))))
+            .filter_map(|own| Some(Patch { own, plane: Plane::new(own, texture(own.number)?) }))
             .collect();
-        let trees = textured.into_par_iter().filter_map(|(surface, plane)| {
-            Some((surface.number, surfaces.squares(surface, &plane)?, plane))
+        let trees = textured.into_par_iter().filter_map(|patch| {
+            let tree = patch.squares(&surfaces.around(&patch), surfaces.full_coverage)?;
+            Some((patch, tree))
         });
-        let mut trees: Vec<(usize, Square, Plane<'_>)> = trees.collect();
+        let mut trees: Vec<(Patch<'_>, Square)> = trees.collect();
         // A hash map has a random order, and sums of errors depend on it.
-        trees.sort_unstable_by_key(|(i, ..)| *i);
+        trees.sort_unstable_by_key(|(patch, _)| patch.own.number);
         let price = price(&trees, most);
-        let small = trees.par_iter().map(|(i, tree, plane)| {
-            let mut splats = Vec::new();
-            tree.leaves(price, &mut |square| splats.push(plane.small_splat(square)));
-            (*i, splats)
+        let small = trees.par_iter().map(|(patch, tree)| {
+            let (mut splats, around) = (Vec::new(), surfaces.around(patch));
+            tree.leaves(price, &mut |square| splats.push(patch.small_splat(square, &around)));
+            (patch.own.number, splats)
         });
         Self { of: small.collect() }
     }
 
     /// Returns the splats that replace splat `i`; `None` if it is written as it is.
-    pub fn of(&self, i: usize) -> Option<&[Splat]> {
+    pub fn of(&self, i: usize) -> Option<&[Gaussian]> {
         self.of.get(&i).map(Vec::as_slice)
     }
 }
 
 /// Returns the price of a splat, in squared colour errors summed over texels, at which about `most` are chosen.
-fn price(trees: &[(usize, Square, Plane<'_>)], most: usize) -> f64 {
-    let count = |price: f64| trees.par_iter().map(|(_, tree, _)| tree.cost(price).1).sum::<usize>();
+fn price(trees: &[(Patch<'_>, Square)], most: usize) -> f64 {
+    let count = |price: f64| trees.par_iter().map(|(_, tree)| tree.cost(price).1).sum::<usize>();
     // At the price of all errors together every tree is one splat.
-    let mut high = trees.iter().map(|(_, tree, _)| tree.error).sum::<f64>().max(f64::MIN_POSITIVE);
+    let mut high = trees.iter().map(|(_, tree)| tree.error).sum::<f64>().max(f64::MIN_POSITIVE);
     let mut low = 0.0;
     if count(low) <= most {
         return low;
@@ -89,19 +95,34 @@ struct Surface {
     splat: Gaussian,
     color: DVec3,
     gradient: DMat3,
+    normal: DVec3,
+    /// Rotation to the splat's axes, in standard deviations.
+    whiten: DMat3,
 }
 
 impl Surface {
-    /// Returns the response at a point.
-    fn response(&self, point: DVec3) -> f64 {
-        let splat = &self.splat;
+    fn new(number: usize, splat: Gaussian, gradient: DMat3) -> Self {
+        let axes = DMat3::from_quat(splat.rotation);
+        let thin = splat.scale.min_position();
         let mut scale = splat.scale.to_array();
         // As thick as it is wide: the planes of neighbours differ by more than the thickness of a surface.
-        if let Some(thin) = scale.get_mut(splat.scale.min_position()) {
+        if let Some(thin) = scale.get_mut(thin) {
             *thin = splat.scale.max_element();
         }
-        let offset = splat.rotation.inverse() * (point - splat.mean) / DVec3::from_array(scale);
-        splat.opacity * (-0.5 * offset.length_squared()).exp()
+        let whiten = DMat3::from_diagonal(DVec3::from_array(scale).recip()) * axes.transpose();
+        let color = splat.color + splat.directional * splat.seen;
+        Self { number, splat, color, gradient, normal: axes.col(thin), whiten }
+    }
+
+    /// Returns the response at a point.
+    fn response(&self, point: DVec3) -> f64 {
+        let offset = self.whiten * (point - self.splat.mean);
+        self.splat.opacity * (-0.5 * offset.length_squared()).exp()
+    }
+
+    /// Returns the distance from the mean beyond which the response is below a fraction of the opacity.
+    fn reach(&self, least: f64) -> f64 {
+        (-2.0 * least.ln()).sqrt() * self.splat.scale.max_element()
     }
 
     fn color(&self, point: DVec3) -> DVec3 {
@@ -120,8 +141,7 @@ struct Plane<'a> {
 }
 
 impl<'a> Plane<'a> {
-    fn new(Surface { splat, .. }: &Surface, texture: &'a Texture) -> Self {
-        let normal = DMat3::from_quat(splat.rotation).col(splat.scale.min_position());
+    fn new(&Surface { ref splat, normal, .. }: &Surface, texture: &'a Texture) -> Self {
         let [along, _] = texture.lattice.axes.map(|axis| DVec3::from_array(axis.map(f64::from)));
         let along = along.reject_from_normalized(normal);
         // A lattice at right angles to the splat has no direction on its plane.
@@ -136,15 +156,85 @@ impl<'a> Plane<'a> {
         let point = self.lattice.point_at(place);
         point - self.normal * self.normal.dot(point - self.mean)
     }
+}
 
-    fn small_splat(&self, square: &Square) -> Splat {
-        let side = square.n.sqrt() / self.lattice.per_unit();
-        Splat {
-            mean: self.point(square.centre).as_vec3().to_array(),
-            opacity: OPAQUE as f32,
-            color: square.color.clamp(DVec3::ZERO, DVec3::ONE).as_vec3().to_array(),
-            scale: SPREAD.map(|factor| (factor * side) as f32),
-            rotation: wxyz(self.rotation).map(|v| v as f32),
+/// Textured splat and its plane.
+struct Patch<'a> {
+    own: &'a Surface,
+    plane: Plane<'a>,
+}
+
+impl Patch<'_> {
+    /// Returns the squares where no other splat shows more; `None` if there are none. `around` are the splats
+    /// nearby.
+    fn squares(&self, around: &[&Surface], full_coverage: f64) -> Option<Square> {
+        let Self { own, plane } = self;
+        let texel = |[x, y]: [usize; 2]| {
+            let centre = [x as f64 + 0.5, y as f64 + 0.5];
+            let point = plane.point(centre);
+            let shown = own.response(point);
+            if shown < MIN_RESPONSE * own.splat.opacity {
+                return None;
+            }
+            // What is drawn without textures: neighbours blend where they overlap.
+            let (mut sum, mut drawn) = (shown, shown * own.color(point));
+            let mut passed = 1.0 - shown.min(OPAQUE);
+            for other in around {
+                let response = other.response(point);
+                // Of equal splats the first.
+                if (response, own.number) > (shown, other.number) {
+                    return None;
+                }
+                sum += response;
+                drawn += response * other.color(point);
+                passed *= 1.0 - response.min(OPAQUE);
+            }
+            let sample = plane.texture.sample(centre.map(|v| v as f32));
+            let textured = DVec3::from_array(sample.color.map(f64::from));
+            let color = textured + (1.0 - f64::from(sample.share)) * drawn / sum;
+            let coverage = ((1.0 - passed) / full_coverage).min(OPAQUE);
+            Some(Square { centre, n: 1.0, color, coverage, error: 0.0, parts: Vec::new() })
+        };
+        tree([0, 0], plane.lattice.side(), &texel)
+    }
+
+    /// Returns the splat of a square. It lies on the mean of the planes that blend there: if each lay on its
+    /// own, dark slits would open between those of two planes.
+    fn small_splat(&self, square: &Square, around: &[&Surface]) -> Gaussian {
+        let Self { own, plane } = self;
+        let point = plane.point(square.centre);
+        let (mut sum, mut height, mut normal) = (0.0, 0.0, DVec3::ZERO);
+        let (mut slope, mut shift) = (DMat3::ZERO, DVec3::ZERO);
+        for surface in std::iter::once(own).chain(around) {
+            let towards = surface.normal.dot(plane.normal);
+            if towards.abs() < MIN_TOWARDS {
+                continue;
+            }
+            let weight = surface.response(point);
+            sum += weight;
+            height += weight * surface.normal.dot(surface.splat.mean - point) / towards;
+            normal += weight * towards.signum() * surface.normal;
+            slope += weight * surface.splat.directional;
+            shift += weight * surface.splat.directional * surface.splat.seen;
+        }
+        // Where the texture is shown, its splat alone sets the colour by direction.
+        let share = f64::from(plane.texture.sample(square.centre.map(|v| v as f32)).share);
+        let splat = &own.splat;
+        let slope = share * splat.directional + (1.0 - share) / sum * slope;
+        let shift = share * splat.directional * splat.seen + (1.0 - share) / sum * shift;
+        let turn = DQuat::from_rotation_arc(plane.normal, normal.normalize_or(plane.normal));
+        let side = square.n.sqrt() / plane.lattice.per_unit();
+        let color = square.color.clamp(DVec3::ZERO, DVec3::ONE);
+        Gaussian {
+            mean: point + height / sum * plane.normal,
+            // Splats of neighbouring squares overlap.
+            opacity: (-(1.0 - square.coverage).ln() / OVERLAP).min(OPAQUE),
+            // Textures and colours are those seen from the mean of the observed directions.
+            color: color - shift,
+            scale: DVec3::from_array(SPREAD.map(|factor| factor * side)),
+            rotation: (turn * plane.rotation).normalize(),
+            directional: slope,
+            seen: splat.seen,
         }
     }
 }
@@ -157,6 +247,8 @@ struct Square {
     n: f64,
     /// Mean colour of the texels.
     color: DVec3,
+    /// Mean fraction of the light that the scene holds back there.
+    coverage: f64,
     /// Sum of squared differences of the texels' colours to the mean.
     error: f64,
     parts: Vec<Square>,
@@ -169,13 +261,15 @@ impl Square {
             return None;
         }
         let color = parts.iter().map(|part| part.n * part.color).sum::<DVec3>() / n;
+        let coverage = parts.iter().map(|part| part.n * part.coverage).sum::<f64>() / n;
         let error_of = |part: &Square| part.error + part.n * part.color.distance_squared(color);
         let error = parts.iter().map(error_of).sum();
         let centre = parts.iter().fold([0.0; 2], |[x, y], part| {
             let [px, py] = part.centre;
             [x + part.n * px, y + part.n * py]
         });
-        Some(Self { centre: centre.map(|sum| sum / n), n, color, error, parts })
+        let centre = centre.map(|sum| sum / n);
+        Some(Self { centre, n, color, coverage, error, parts })
     }
 
     /// Returns the least sum of squared errors and prices of splats, and its number of splats.
@@ -204,18 +298,21 @@ struct Surfaces {
     /// Side of a cell, world units.
     cell: f64,
     by_cell: HashMap<[i64; 3], Vec<Surface>>,
+    /// Coverage from which the scene counts a place as fully covered.
+    full_coverage: f64,
 }
 
 impl Surfaces {
     fn new(view: SplatView, cell: f64) -> Self {
-        let mut surfaces = Self { cell, by_cell: HashMap::new() };
+        let mut surfaces = Self {
+            cell,
+            by_cell: HashMap::new(),
+            full_coverage: f64::from(view.finishing().full_coverage),
+        };
         for (number, splat) in drawable(view) {
             let look = view.appearance().get(number).copied().unwrap_or_default();
-            // Colours of textures, too, are those seen from the mean of the observed directions.
-            let color = splat.color + splat.directional * look.observed.mean();
-            let gradient = from_rows(look.gradient);
             let cell = surfaces.cell_of(splat.mean);
-            let surface = Surface { number, splat, color, gradient };
+            let surface = Surface::new(number, splat, from_rows(look.gradient));
             surfaces.by_cell.entry(cell).or_default().push(surface);
         }
         surfaces
@@ -229,36 +326,16 @@ impl Surfaces {
         (point / self.cell).floor().as_i64vec3().to_array()
     }
 
-    /// Returns the squares of the texture of a splat where no other splat shows more; `None` if there are none.
-    fn squares(&self, own: &Surface, plane: &Plane<'_>) -> Option<Square> {
+    /// Returns the splats that may overlap a textured splat.
+    fn around(&self, Patch { own, plane }: &Patch<'_>) -> Vec<&Surface> {
         let [x, y, z] = self.cell_of(plane.mean);
         let cells = (0..27).map(|n| [x + n % 3 - 1, y + n / 3 % 3 - 1, z + n / 9 - 1]);
         let near = cells.filter_map(|cell| self.by_cell.get(&cell)).flatten();
-        let others: Vec<&Surface> = near.filter(|other| other.number != own.number).collect();
-        let texel = |[x, y]: [usize; 2]| {
-            let centre = [x as f64 + 0.5, y as f64 + 0.5];
-            let point = plane.point(centre);
-            let shown = own.response(point);
-            if shown < MIN_RESPONSE * own.splat.opacity {
-                return None;
-            }
-            // What is drawn without textures: neighbours blend where they overlap.
-            let (mut sum, mut drawn) = (shown, shown * own.color(point));
-            for other in &others {
-                let response = other.response(point);
-                // Of equal splats the first.
-                if (response, own.number) > (shown, other.number) {
-                    return None;
-                }
-                sum += response;
-                drawn += response * other.color(point);
-            }
-            let sample = plane.texture.sample(centre.map(|v| v as f32));
-            let textured = DVec3::from_array(sample.color.map(f64::from));
-            let color = textured + (1.0 - f64::from(sample.share)) * drawn / sum;
-            Some(Square { centre, n: 1.0, color, error: 0.0, parts: Vec::new() })
+        let overlaps = |other: &&Surface| {
+            let reach = own.reach(MIN_RESPONSE) + other.reach(NEGLIGIBLE);
+            other.splat.mean.distance_squared(plane.mean) < reach * reach
         };
-        tree([0, 0], plane.lattice.side(), &texel)
+        near.filter(|other| other.number != own.number).filter(overlaps).collect()
     }
 }
 
@@ -292,21 +369,23 @@ mod tests {
     fn surface(number: usize, mean: DVec3, opacity: f64, width: f64) -> Surface {
         let scale = DVec3::new(width, width, 0.01);
         let splat = Gaussian { mean, opacity, scale, ..Gaussian::INVISIBLE };
-        let color = DVec3::new(0.2, 0.4, 0.6);
-        Surface { number, splat, color, gradient: DMat3::from_diagonal(DVec3::splat(0.1)) }
+        let splat = Gaussian { color: DVec3::new(0.2, 0.4, 0.6), ..splat };
+        Surface::new(number, splat, DMat3::from_diagonal(DVec3::splat(0.1)))
     }
 
     /// Squares of `own` beside a splat held in a neighbouring cell.
     fn squares(own: &Surface, other: Surface, shift: [i64; 3]) -> Option<Square> {
-        let mut surfaces = Surfaces { cell: 2.0, by_cell: HashMap::new() };
+        let mut surfaces = Surfaces { cell: 2.0, by_cell: HashMap::new(), full_coverage: 1.0 };
         let [x, y, z] = surfaces.cell_of(own.splat.mean);
         let cell = [x + shift[0], y + shift[1], z + shift[2]];
         surfaces.by_cell.insert(cell, vec![other]);
-        surfaces.squares(own, &Plane::new(own, &texture(own.splat.mean)))
+        let texture = texture(own.splat.mean);
+        let patch = Patch { own, plane: Plane::new(own, &texture) };
+        patch.squares(&surfaces.around(&patch), 1.0)
     }
 
     fn square(error: f64, parts: Vec<Square>) -> Square {
-        Square { centre: [0.0; 2], n: 1.0, color: DVec3::ZERO, error, parts }
+        Square { centre: [0.0; 2], n: 1.0, color: DVec3::ZERO, coverage: 0.9, error, parts }
     }
 
     const MEAN: DVec3 = DVec3::new(6.5, -3.5, 10.5);
@@ -317,7 +396,8 @@ mod tests {
         let own = surface(0, MEAN, 1.0, 1.0);
         let of = |errors: [f64; 2], most: usize| {
             let even = || (0..4).map(|_| square(0.0, Vec::new())).collect();
-            let trees = errors.map(|error| (0, square(error, even()), Plane::new(&own, &texture)));
+            let patch = || Patch { own: &own, plane: Plane::new(&own, &texture) };
+            let trees = errors.map(|error| (patch(), square(error, even())));
             price(&trees, most)
         };
         // Four parts instead of a whole are worth three prices.
@@ -331,15 +411,16 @@ mod tests {
 
     #[test]
     fn responses_and_colours_follow_the_place() {
-        let mut own = surface(0, DVec3::new(1.0, 2.0, 3.0), 0.8, 0.5);
-        own.splat.scale.y = 2.0;
+        let narrow = surface(0, DVec3::new(1.0, 2.0, 3.0), 0.8, 0.5);
+        let splat = Gaussian { scale: DVec3::new(0.5, 2.0, 0.01), ..narrow.splat };
+        let own = Surface::new(0, splat, narrow.gradient);
         let point = DVec3::new(2.0, 4.0, 5.0);
         assert!((own.response(point) - 0.8 * (-3.0f64).exp()).abs() < 1e-12);
         assert!(own.color(point).distance(DVec3::new(0.3, 0.6, 0.8)) < 1e-12);
         let above = texture(own.splat.mean + 0.5 * DVec3::Z);
         let at = Plane::new(&own, &above).point([2.0, 2.0]);
         assert!(at.distance(own.splat.mean) < 1e-12, "{at}");
-        let surfaces = Surfaces { cell: 0.5, by_cell: HashMap::new() };
+        let surfaces = Surfaces { cell: 0.5, by_cell: HashMap::new(), full_coverage: 1.0 };
         assert_eq!(surfaces.cell_of(DVec3::new(1.2, -0.3, 0.6)), [2, -1, 1]);
     }
 
@@ -361,6 +442,39 @@ mod tests {
         let narrow = surface(0, MEAN, 0.5, 0.45);
         let far = surface(1, MEAN + 9.0 * DVec3::Z, 0.5, 0.45);
         assert_eq!(squares(&narrow, far, [0; 3]).unwrap().n, 12.0);
+    }
+
+    #[test]
+    fn small_splats_lie_between_planes_and_keep_the_colour_by_direction() {
+        let own = surface(0, MEAN, 0.8, 1.0);
+        let slope = DMat3::from_diagonal(DVec3::new(0.1, 0.2, 0.3));
+        let splat = Gaussian {
+            mean: MEAN + 0.4 * DVec3::Z,
+            directional: slope,
+            seen: DVec3::new(0.0, 0.6, 0.8),
+            ..own.splat
+        };
+        let above = Surface::new(1, splat, own.gradient);
+        // A wall beside the surface has another normal.
+        let rotation = DQuat::from_rotation_y(1.3);
+        let wall = Surface::new(2, Gaussian { rotation, ..own.splat }, own.gradient);
+        let texture = texture(MEAN);
+        let patch = Patch { own: &own, plane: Plane::new(&own, &texture) };
+        let square = Square { centre: [2.0; 2], n: 4.0, ..square(0.0, Vec::new()) };
+        let small = patch.small_splat(&square, &[&above, &wall]);
+        let weights = [0.8, 0.8 * (-0.5 * 0.16f64).exp()];
+        let part = weights[1] / (weights[0] + weights[1]);
+        assert!(small.mean.distance(MEAN + part * 0.4 * DVec3::Z) < 1e-9, "{}", small.mean);
+        let share = f64::from(texture.sample([2.0; 2]).share);
+        let kept = (1.0 - share) * part * slope;
+        assert!(small.directional.abs_diff_eq(kept, 1e-9), "{}", small.directional);
+        let from_there = small.color + small.directional * above.splat.seen;
+        assert!(from_there.distance(square.color) < 1e-9, "seen from the mean direction");
+        // Four texels of half a unit: one unit wide.
+        assert!((small.scale - DVec3::new(0.7, 0.7, 0.1)).length() < 1e-9, "{}", small.scale);
+        // Responses that add up to the coverage of the scene where squares overlap.
+        let passed = (-OVERLAP * small.opacity).exp();
+        assert!((1.0 - passed - square.coverage).abs() < 1e-9);
     }
 
     #[test]

@@ -10,8 +10,7 @@ use super::gaussian::{AxisRotation, Gaussian, drawable_at};
 use super::mapping::{self, Mapping};
 use super::registration::{REGISTRATION, Registration, shift_and_origin};
 use super::stream::SplatRows;
-use crate::model::splat::appearance::{Appearance, SplatView};
-use crate::model::splat::splats::Splat;
+use crate::model::splat::appearance::SplatView;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -45,13 +44,13 @@ impl<'a> ExportRows<'a> {
         let detail = most.map_or_else(Detail::default, |most| Detail::new(view, most));
         let (selection, evidence) = (options.selection, options.confidence);
         let selects = |i: usize, mean: DVec3| selection.selects(i, mean, evidence);
-        let selects_small =
-            |i: usize, small: &Splat| selects(i, DVec3::from_array(small.mean.map(f64::from)));
+        let selects_small = |i: usize, small: &Gaussian| selects(i, small.mean);
         let rows_of = |i: usize| -> Option<(u32, bool)> {
             let native = drawable_at(view, i)?;
             if let Some(small) = detail.of(i) {
                 let is_selected = small.iter().any(|small| selects_small(i, small));
-                return Some((if is_selected { small.len() as u32 } else { 0 }, false));
+                let n_rows = if is_selected { small.len() as u32 } else { 0 };
+                return Some((n_rows, !native.is_diffuse()));
             }
             let n_pieces = mapping.map_or(1, |mapping| mapping::n_pieces(&native, mapping));
             let n_pieces = if selects(i, native.mean) { n_pieces as u32 } else { 0 };
@@ -90,7 +89,7 @@ impl<'a> ExportRows<'a> {
     pub fn in_world(&self, row: usize) -> Gaussian {
         let row = self.rows[row];
         if let Some(small) = self.detail.of(row.splat as usize) {
-            return Gaussian::from_splat(&small[row.piece as usize], &Appearance::default());
+            return small[row.piece as usize];
         }
         // Rows only refer to drawable splats, so the fallback is never used.
         plain(self.view, row, self.mapping).unwrap_or(Gaussian::INVISIBLE)

@@ -145,6 +145,9 @@ fn measured_points_set_the_coordinates_of_exports() {
     let length = window.state().view().overlays.measure.length().unwrap().length;
     window.get_by_label("Set scale").click();
     wait(&mut window, "a registration", |s| s.snapshot().registration.is_some());
+    let files = window.state().snapshot().files.clone();
+    assert_eq!((files.unsaved_frames, files.is_registration_unsaved), (0, true));
+    assert!(window.state().snapshot().has_training_to_lose());
     let scale = window.state().snapshot().registration.as_ref().unwrap().scale;
     assert!((scale - 1.0 / length).abs() < 1e-9 * scale, "{scale}: {length}");
     measure(&mut window, 3);

@@ -50,8 +50,8 @@ pub enum StripAnswer {
     WalkBack(Option<usize>),
 }
 
-/// Serial number of the open dataset, and number of the frame last scrolled to.
-pub type ScrolledTo = Option<(u64, usize)>;
+/// Serial number of the open dataset, number of the frame last scrolled to, and the strip's size then, points.
+pub type ScrolledTo = Option<(u64, usize, Vec2)>;
 
 /// Draws the header with the number of the camera in view, recording status and training order.
 pub fn header(context: &StripContext<'_>, ui: &mut Ui) -> Option<StripAnswer> {
@@ -127,7 +127,8 @@ pub fn ui(
     // Dragging previews cameras, so it must not scroll.
     let source = ScrollSource { drag: DragScroll::Never, ..ScrollSource::default() };
     let mut area = ScrollArea::horizontal().auto_shrink(false).scroll_source(source);
-    if let Some(number) = frame_to_scroll_to(context, scrolled_to, ui.rect_contains_pointer(view)) {
+    let is_used = ui.rect_contains_pointer(view);
+    if let Some(number) = frame_to_scroll_to(context, scrolled_to, view.size(), is_used) {
         let middle = (number as f32 + 0.5) * width;
         let last = (n as f32 * width - view.width()).max(0.0);
         area = area.horizontal_scroll_offset((middle - 0.5 * view.width()).clamp(0.0, last));
@@ -219,11 +220,13 @@ fn width_of(opened: &Opened, height: f32) -> f32 {
     ((0.5 * pictures_height(height - TIMELINE)).max(1.0) * aspect + 2.0 * MARGIN).max(MIN_WIDTH)
 }
 
-/// Returns the number of the frame to scroll to, if the viewport or training moved to another frame.
+/// Returns the number of the frame to scroll to, if the viewport or training moved to another frame, or if the
+/// strip has another size.
 /// `is_used` is true while the pointer is over the strip.
 fn frame_to_scroll_to(
     context: &StripContext<'_>,
     scrolled_to: &mut ScrolledTo,
+    size: Vec2,
     is_used: bool,
 ) -> Option<usize> {
     let StripContext { snapshot, opened, outcomes, shown, .. } = context;
@@ -232,7 +235,7 @@ fn frame_to_scroll_to(
         FrameRef::trained(opened, latest)
     };
     let number = shown.map(FrameRef::number).or_else(|| trained().map(|frame| frame.number()))?;
-    let to = Some((opened.serial, number));
+    let to = Some((opened.serial, number, size));
     // Frames must not move while the pointer is over them.
     if is_used || *scrolled_to == to {
         return None;

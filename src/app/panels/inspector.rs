@@ -93,7 +93,7 @@ fn posterior_sections(i: &Inspection) -> Vec<Section> {
         lines: vec![
             line("Points N", format_number(p.count)),
             line("Weight", format!("{} %", format_number(100.0 * i.weight))),
-            line("Born in frame", known(a.birth.map(|frame| frame.to_string()))),
+            line("Born in frame", known(a.birth.map(|frame| (frame + 1).to_string()))),
             line("ELBO, frame", known(a.elbo.map(|e| format!("{} nats", format_number(e.into()))))),
         ],
     };

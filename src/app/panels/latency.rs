@@ -76,7 +76,7 @@ pub fn ui(
 }
 
 fn plot(frames: &[FrameReport], budget_ms: f64, ui: &mut Ui) {
-    let x: Vec<f64> = frames.iter().map(|f| f.index as f64).collect();
+    let x: Vec<f64> = frames.iter().map(ordinal).collect();
     let mut below = vec![0.0; frames.len()];
     // The axis excludes the slowest 2 % of frames, so that one outlier does not flatten the plot.
     let mut totals: Vec<f64> = frames.iter().map(|f| f.ms.stages.train).collect();
@@ -108,14 +108,19 @@ fn plot(frames: &[FrameReport], budget_ms: f64, ui: &mut Ui) {
         });
 }
 
+/// Returns the number of a frame in the order of training, from 1.
+fn ordinal(frame: &FrameReport) -> f64 {
+    frame.index as f64 + 1.0
+}
+
 fn frame_at(frames: &[FrameReport], x: f64) -> Option<&FrameReport> {
-    let distance = |frame: &FrameReport| (frame.index as f64 - x).abs();
+    let distance = |frame: &FrameReport| (ordinal(frame) - x).abs();
     frames.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))
 }
 
 fn tooltip_text(frame: &FrameReport) -> String {
     let ms = &frame.ms.stages;
-    let mut text = format!("Frame {} ({}): {:.1} ms", frame.index, frame.frame, ms.train);
+    let mut text = format!("Frame {} ({}): {:.1} ms", ordinal(frame), frame.frame, ms.train);
     for (stage, value) in ms.names().iter().zip(ms.values()) {
         text += &format!("\n{}: {value:.1} ms", stage.label);
     }
@@ -208,6 +213,16 @@ fn number(ui: &mut Ui, text: RichText) {
     });
 }
 
+/// Returns the label of the stage that takes most of the training time, and its part of that time.
+pub fn slowest_stage(frames: &[FrameReport]) -> Option<(&'static str, f64)> {
+    let total = |at: usize| stage_ms(frames, at).sum::<f64>();
+    let (at, ms) = (0..stages(frames).len())
+        .map(|at| (at, total(at)))
+        .max_by(|(_, a), (_, b)| a.total_cmp(b))?;
+    let all: f64 = frames.iter().map(|frame| frame.ms.stages.train).sum();
+    (all > 0.0).then(|| (stages(frames)[at].label, ms / all))
+}
+
 fn stages(frames: &[FrameReport]) -> &'static [TrainStage] {
     frames.last().map_or(&[], |frame| frame.ms.stages.names())
 }
@@ -286,6 +301,16 @@ pub mod tests {
     }
 
     #[test]
+    fn the_slowest_stage_is_named_with_its_part() {
+        assert_eq!(slowest_stage(&[]), None);
+        let mut second = frame(10.0);
+        second.ms.stages.add(1, 30.0);
+        second.ms.stages.train = 40.0;
+        let (label, part) = slowest_stage(&[frame(10.0), second]).unwrap();
+        assert_eq!((label, part), (PAPER_STAGES[1].label, 0.6));
+    }
+
+    #[test]
     fn csv_has_a_column_per_heading() {
         let text = frames_csv(&[frame(1.0)]);
         let lines: Vec<&str> = text.lines().collect();
@@ -313,7 +338,7 @@ pub mod tests {
             .into();
         assert_eq!(share_within_budget(&frames, 20.0), 0.5);
         assert_eq!(share_within_budget(&[], 20.0), 0.0);
-        assert_eq!(frame_at(&frames, 3.9).map(|f| f.index), Some(5));
-        assert!(tooltip_text(&frames[1]).starts_with("Frame 1 (r_3): 20.0 ms\n"));
+        assert_eq!(frame_at(&frames, 4.9).map(|f| f.index), Some(5));
+        assert!(tooltip_text(&frames[1]).starts_with("Frame 2 (r_3): 20.0 ms\n"));
     }
 }

@@ -309,7 +309,7 @@ fn retention(frames: &[RetainedFrame], ui: &mut Ui) {
         for (i, frame) in frames.iter().enumerate() {
             let color = to_color32(ramp(0.15 + 0.8 * i as f32 / frames.len() as f32));
             // Of one width, because the legend is sorted by text.
-            let name = format!("frame {:>4}", frame.position);
+            let name = format!("frame {:>4}", frame.position + 1);
             add_curve(plot, &name, frame.psnr.clone(), color);
         }
     });

@@ -1,6 +1,7 @@
 //! Summary panel: what is open, how good the scene is, and what can be done next. Also the start page.
 
 use super::controls::section;
+use super::latency::slowest_stage;
 use super::quality::detail;
 use super::signal_color::SignalColor;
 use crate::app::command::UiCommand;
@@ -221,7 +222,7 @@ fn figures(
         return Vec::new();
     }
     let views = "Photographs that were not trained, compared with the scene. PSNR in dB and SSIM: the higher, the closer. Detail: correlation of structure one and two pixels wide with the photographs, at most 1";
-    let mut rows = vec![figure("New views", views, quality_text(quality, result))];
+    let mut rows = vec![figure("New views", views, quality_text(snapshot, quality, result))];
     if let Some((psnr, share)) = result.and_then(|point| point.covered) {
         let text = format!("{psnr:.2} dB over {:.0} % of the pixels", 100.0 * share);
         let covered = "The same over the pixels that splats cover";
@@ -237,8 +238,10 @@ fn figures(
 fn facts(snapshot: &Snapshot) -> Vec<Figure> {
     let mut rows = Vec::new();
     if let Some(ms) = snapshot.median_frame_ms() {
-        let text = format!("{ms:.1} ms a frame");
-        rows.push(figure("Speed", "Median training time of the latest frames", text));
+        let part = slowest_stage(&snapshot.frames.recent)
+            .map_or(String::new(), |(stage, part)| format!(" ({stage}: {:.0} %)", 100.0 * part));
+        let meaning = "Median training time of the latest frames, and the slowest stage. Latency shows all stages; coarser detail is faster";
+        rows.push(figure("Speed", meaning, format!("{ms:.1} ms a frame{part}")));
     }
     if snapshot.source == Source::Dataset {
         let splats = "Coloured ellipsoids that make up the scene";
@@ -249,7 +252,11 @@ fn facts(snapshot: &Snapshot) -> Vec<Figure> {
     rows
 }
 
-fn quality_text(quality: &QualityMonitor, result: Option<QualityPoint>) -> String {
+fn quality_text(
+    snapshot: &Snapshot,
+    quality: &QualityMonitor,
+    result: Option<QualityPoint>,
+) -> String {
     let (done, all) = quality.progress();
     let text = |point: QualityPoint| {
         let detail = detail(", ", point.detail);
@@ -259,8 +266,14 @@ fn quality_text(quality: &QualityMonitor, result: Option<QualityPoint>) -> Strin
         (Some(point), ..) => format!("{} ({})", text(point), wording::count(all, "view")),
         (None, Some(_), _) => "could not be measured".to_owned(),
         (None, None, _) if all == 0 => "none".to_owned(),
-        (None, None, Some(&point)) => format!("{} ({done} of {all} views)", text(point)),
-        (None, None, None) => format!("measuring: {done} of {all} views"),
+        // An early figure beside “Done” would be taken for the result.
+        (None, None, Some(&point)) if point.frames == snapshot.frames_done => {
+            format!("{} ({done} of {all} views)", text(point))
+        }
+        (None, None, Some(&point)) if snapshot.state == RunState::Training => {
+            format!("{} after {}", text(point), wording::count(point.frames, "frame"))
+        }
+        (None, None, _) => format!("measuring {}", wording::count(all, "view")),
     }
 }
 

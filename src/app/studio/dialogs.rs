@@ -343,7 +343,10 @@ fn confirm_discard(ui: &Ui, snapshot: &Snapshot, purpose: String) -> Option<Deci
         ui.heading(format!("Discard “{name}” to {purpose}?"));
         let n = snapshot.files.unsaved_frames;
         let (frames, are) = (wording::count(n, "trained frame"), if n == 1 { "is" } else { "are" });
-        ui.label(format!("{frames} {are} neither saved nor exported."));
+        ui.label(match n {
+            0 => "Scale, level or coordinates are neither saved nor exported.".to_owned(),
+            _ => format!("{frames} {are} neither saved nor exported."),
+        });
         ui.add_space(8.0);
         ui.horizontal(|ui| {
             for (label, choice) in [

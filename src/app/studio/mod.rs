@@ -315,6 +315,9 @@ impl Studio {
         let method = settings.method(settings.renderer, Lens::Pinhole);
         let (every, splats) = (settings.panels.quality_every, self.view.learned());
         let past = self.view.editor().stored_scenes.moments();
+        if self.view.camera.is_moving() {
+            self.quality.hold(ui.ctx());
+        }
         self.quality.update(ui.ctx(), snapshot, method, every, (splats, past));
         if let Some((serial, curves)) = self.quality.take_new_curves() {
             self.worker.send(WorkerOrder::RecordCurves(serial, curves));

@@ -248,12 +248,7 @@ impl SceneView {
         is_training: bool,
     ) -> Option<String> {
         let moving = self.camera.is_moving();
-        // Training takes precedence over pictures, even while the camera moves.
-        let effort = match (is_training, moving) {
-            (true, _) => Effort::BesideTraining,
-            (false, true) => Effort::Moving,
-            (false, false) => Effort::Full,
-        };
+        let effort = Effort::new(is_training, moving);
         if moving {
             // egui does not repaint without input: one more pass refines the picture.
             ui.ctx().request_repaint_after(SETTLE);

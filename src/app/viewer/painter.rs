@@ -14,6 +14,7 @@ use crate::model::splat::appearance::SplatSet;
 use crate::render::compare::combine;
 use crate::render::cpu::CpuRenderer;
 use eframe::egui::{Color32, ColorImage, Pos2, Rect, TextureHandle, TextureOptions, Ui};
+use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
 const GPU_INTERVAL: Duration = Duration::from_millis(33);
@@ -111,7 +112,7 @@ impl ViewPainter {
         // A software adapter would use the same cores and be far slower (`rendering.md`, Software
         // adapters).
         if capabilities.is_software() && painting == Painting::Auto {
-            let who = format!("CPU renderer; window by {capabilities}");
+            let who = format!("No graphics card: the CPU draws; window by {capabilities}");
             return Ok((Self::software(waker)?, who));
         }
         match GpuViewPainter::new(state, faults.clone()) {
@@ -155,16 +156,57 @@ pub(super) enum Effort {
     /// twice its drawing time. Pictures that show only changes by training are at least
     /// [`FOLLOW_INTERVAL`] apart.
     BesideTraining,
-    /// Draws with all threads at half resolution, while the camera moves.
+    /// Draws like [`Self::BesideTraining`] at a [`QuickScale`], while the camera moves.
+    MovingBesideTraining,
+    /// Draws with all threads at a [`QuickScale`], while the camera moves.
     Moving,
     /// Draws with all threads at full resolution.
     Full,
 }
 
 impl Effort {
-    /// Returns the ratio of the side lengths of picture and viewport.
-    fn scale(self) -> f64 {
-        if self == Self::Full { 1.0 } else { 0.5 }
+    pub(super) fn new(is_training: bool, is_moving: bool) -> Self {
+        match (is_training, is_moving) {
+            // Training takes precedence over pictures, even while the camera moves.
+            (true, false) => Self::BesideTraining,
+            (true, true) => Self::MovingBesideTraining,
+            (false, true) => Self::Moving,
+            (false, false) => Self::Full,
+        }
+    }
+
+    fn is_beside_training(self) -> bool {
+        matches!(self, Self::BesideTraining | Self::MovingBesideTraining)
+    }
+}
+
+/// Ratio of the side lengths of picture and viewport while the camera moves. It follows the drawing times, so
+/// that the picture follows the hand on few cores and in large windows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct QuickScale(f64);
+
+impl QuickScale {
+    /// Drawing time of a picture that the scale aims at.
+    // Thirty pictures a second leave 33 ms; the window's own pass takes a fourth of it.
+    const GOAL: Duration = Duration::from_millis(25);
+    const LARGEST: f64 = 0.5;
+    /// Least number of pixels of a picture: with fewer, a room is not recognised.
+    const LEAST_PIXELS: f64 = 48_000.0;
+    /// Range of the ratio of wanted and present scale in which the scale stays: pictures of alternating
+    /// sharpness flicker.
+    const STEADY: std::ops::Range<f64> = 0.85..1.2;
+
+    /// Returns the scale after a picture at this scale took a time to draw. `pixels` is the number of pixels
+    /// of the viewport.
+    fn after(self, took: Duration, pixels: f64) -> Self {
+        // The time grows with the number of pixels at most.
+        let ratio = (Self::GOAL.as_secs_f64() / took.as_secs_f64().max(1e-4)).sqrt();
+        if Self::STEADY.contains(&ratio) {
+            return self;
+        }
+        let least = (Self::LEAST_PIXELS / pixels.max(1.0)).sqrt().min(Self::LARGEST);
+        // Half of the way, because a single picture may be held up by other programs.
+        Self((self.0 * ratio.sqrt()).clamp(least, Self::LARGEST))
     }
 }
 
@@ -176,11 +218,13 @@ struct Picture {
 }
 
 pub struct SoftwarePainter {
-    thread: ViewThread<(PictureRequest, Effort), Picture>,
+    thread: ViewThread<(PictureRequest, Effort, f64), Picture>,
     texture: Option<TextureHandle>,
     asked: Option<(PictureRequest, Effort)>,
     asked_at: Instant,
     took: Duration,
+    /// Scales of pictures beside training and of others: they have different numbers of threads.
+    quick: [QuickScale; 2],
     is_stale: bool,
     n_drawn: usize,
 }
@@ -190,21 +234,24 @@ impl SoftwarePainter {
         let mut renderer = CpuRenderer::new();
         // In rayon's global pool a picture would use every core, including those of training.
         let alone = one_thread()?;
-        let draw = move |splats: &SplatSet, (request, effort): (PictureRequest, Effort)| {
-            let started = Instant::now();
-            let pool = (effort == Effort::BesideTraining).then_some(&alone);
-            let picture = run_in(pool, || picture(&mut renderer, splats, &request, effort.scale()));
-            let took = started.elapsed();
-            // Empty slots have opacity 0.
-            let n_drawn = splats.iter().filter(|s| s.opacity > 0.0).count();
-            Picture { image: texels(&picture), n_drawn, took }
-        };
+        let draw =
+            move |splats: &SplatSet, (request, effort, scale): (PictureRequest, Effort, f64)| {
+                let started = Instant::now();
+                let pool = effort.is_beside_training().then_some(&alone);
+                let image =
+                    run_in(pool, || texels(&picture(&mut renderer, splats, &request, scale)));
+                let took = started.elapsed();
+                // Empty slots have opacity 0.
+                let n_drawn = splats.iter().filter(|s| s.opacity > 0.0).count();
+                Picture { image, n_drawn, took }
+            };
         Ok(Self {
             thread: ViewThread::start("drawing", waker, draw)?,
             texture: None,
             asked: None,
             asked_at: Instant::now(),
             took: Duration::ZERO,
+            quick: [QuickScale(QuickScale::LARGEST); 2],
             is_stale: true,
             n_drawn: 0,
         })
@@ -226,6 +273,7 @@ impl SoftwarePainter {
     ) -> Option<DrawSample> {
         let drawn = self.thread.take().map(|Picture { image, n_drawn, took }| {
             (self.n_drawn, self.took) = (n_drawn, took);
+            self.adapt_scale();
             // Linear, because pictures made during training or motion are smaller.
             match &mut self.texture {
                 Some(texture) => texture.set(image, TextureOptions::LINEAR),
@@ -253,14 +301,32 @@ impl SoftwarePainter {
         drawn
     }
 
+    /// Adapts the scale to the time of the newest picture.
+    fn adapt_scale(&mut self) {
+        let Some((request, effort)) = &self.asked else { return };
+        if matches!(effort, Effort::Moving | Effort::MovingBesideTraining) {
+            let scale = &mut self.quick[usize::from(effort.is_beside_training())];
+            *scale = scale.after(self.took, request.camera.intrinsics.n_pixels() as f64);
+        }
+    }
+
+    /// Returns the ratio of the side lengths of picture and viewport.
+    fn scale(&self, effort: Effort) -> f64 {
+        match effort {
+            Effort::Full => 1.0,
+            Effort::BesideTraining => QuickScale::LARGEST,
+            _ => self.quick[usize::from(effort.is_beside_training())].0,
+        }
+    }
+
     fn request_picture(&mut self, ui: &Ui, request: &PictureRequest, effort: Effort) {
         let moved = self.asked.as_ref().is_none_or(|(asked, _)| asked != request);
-        let refine = self.asked.as_ref().is_none_or(|(_, asked)| asked.scale() != effort.scale());
+        let refine = self.asked.as_ref().is_none_or(|(_, asked)| *asked != effort);
         if !(moved || refine || self.is_stale) || self.thread.is_busy() {
             return; // a finished picture wakes the window, which tries again
         }
         let mut announce = Announce::Wake;
-        if effort == Effort::BesideTraining {
+        if effort.is_beside_training() {
             // The rest of twice its time begins when the picture is finished.
             let mut apart = 3 * self.took;
             // A moved camera and the first picture do not wait for training.
@@ -276,7 +342,7 @@ impl SoftwarePainter {
                 return;
             }
         }
-        self.thread.send_request((request.clone(), effort), announce);
+        self.thread.send_request((request.clone(), effort, self.scale(effort)), announce);
         self.asked = Some((request.clone(), effort));
         self.asked_at = Instant::now();
         // Reset before the answer arrives, so that a change during the rendering makes it stale again.
@@ -309,6 +375,46 @@ fn picture(
 }
 
 fn texels(picture: &RgbImage) -> ColorImage {
-    let pixels = picture.data.iter().map(|&pixel| to_color32(pixel)).collect();
+    let pixels = picture.data.par_iter().map(|&pixel| to_color32(pixel)).collect();
     ColorImage::new([picture.width, picture.height], pixels)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PIXELS: f64 = 910.0 * 580.0;
+
+    /// Returns the scale after pictures whose time grows with their pixels, from `full` at scale 1.
+    fn settled(full: Duration, pixels: f64) -> f64 {
+        let mut scale = QuickScale(QuickScale::LARGEST);
+        for _ in 0..20 {
+            scale = scale.after(full.mul_f64(scale.0 * scale.0), pixels);
+        }
+        scale.0
+    }
+
+    #[test]
+    fn pictures_of_a_moving_camera_take_the_time_of_the_goal_or_have_few_pixels() {
+        let ms = Duration::from_millis;
+        assert_eq!(settled(ms(60), PIXELS), QuickScale::LARGEST, "fast enough");
+        let scale = settled(ms(200), PIXELS);
+        let took = ms(200).mul_f64(scale * scale).as_secs_f64() / QuickScale::GOAL.as_secs_f64();
+        assert!((0.7..1.4).contains(&took), "{scale} takes {took} of the goal");
+        let scale = settled(ms(20_000), PIXELS);
+        let pixels = PIXELS * scale * scale;
+        assert!((pixels / QuickScale::LEAST_PIXELS - 1.0).abs() < 1e-9, "{pixels} pixels");
+        // A small viewport has fewer pixels than that at the largest scale.
+        assert_eq!(settled(ms(20_000), 1e5), QuickScale::LARGEST);
+    }
+
+    #[test]
+    fn a_scale_close_to_the_wanted_one_stays() {
+        let scale = QuickScale(0.4);
+        for took in [20, 25, 32] {
+            assert_eq!(scale.after(Duration::from_millis(took), PIXELS), scale, "{took} ms");
+        }
+        assert!(scale.after(Duration::from_millis(50), PIXELS).0 < 0.4);
+        assert!(scale.after(Duration::from_millis(8), PIXELS).0 > 0.4);
+    }
 }

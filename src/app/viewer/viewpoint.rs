@@ -128,7 +128,7 @@ impl Viewpoint {
         self.is_flying
     }
 
-    pub(super) fn is_moving(&self) -> bool {
+    pub fn is_moving(&self) -> bool {
         self.moved_at.elapsed() < SETTLE
     }
 

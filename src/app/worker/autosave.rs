@@ -17,6 +17,8 @@ pub struct Files {
     saver: Saver,
     /// Number of trained frames that no checkpoint contains.
     n_unsaved: usize,
+    /// True if no checkpoint contains the latest scale, level or coordinates.
+    is_registration_unsaved: bool,
 }
 
 /// Time from the first unsaved frame to the first autosave.
@@ -34,11 +36,28 @@ enum Saver {
 
 impl Files {
     pub fn new(folders: Vec<PathBuf>) -> Self {
-        Self { folders, saver: Saver::Off, n_unsaved: 0 }
+        Self { folders, saver: Saver::Off, n_unsaved: 0, is_registration_unsaved: false }
     }
 
     pub fn record_frame(&mut self) {
         self.n_unsaved += 1;
+    }
+
+    /// Records a new scale, level or coordinates, and saves them although no frame is trained. Returns a
+    /// warning if this fails.
+    pub fn record_registration(&mut self, session: Option<&Session>) -> Option<String> {
+        self.is_registration_unsaved = true;
+        match (&mut self.saver, session) {
+            (Saver::On(autosave, _), Some(session)) => {
+                autosave.start_save(session).err().map(|error| error.to_string())
+            }
+            // The first autosave contains it.
+            _ => None,
+        }
+    }
+
+    fn has_unsaved(&self) -> bool {
+        self.n_unsaved > 0 || self.is_registration_unsaved
     }
 
     pub fn record_save(&mut self) {
@@ -54,7 +73,7 @@ impl Files {
     /// Deletes the autosave of a run that the user has saved or discarded, and prepares for the next
     /// run. The file of a stored run remains until the next startup.
     pub fn discard(&mut self) {
-        self.n_unsaved = 0;
+        (self.n_unsaved, self.is_registration_unsaved) = (0, false);
         let saver = std::mem::replace(&mut self.saver, Saver::Waiting(None));
         if let Saver::On(autosave, slot) = saver {
             // Dropped first, because it may still write to the slot.
@@ -65,6 +84,7 @@ impl Files {
 
     /// Starts an autosave if one is due. Returns a warning if an autosave has failed.
     pub fn poll(&mut self, session: &Session, time: Duration) -> Option<String> {
+        let has_unsaved = self.has_unsaved();
         match &mut self.saver {
             Saver::Off | Saver::Stored(_) => None,
             Saver::On(autosave, _) => {
@@ -72,7 +92,7 @@ impl Files {
                 autosave.set_interval(AutosaveInterval { frames: None, time: Some(time) });
                 autosave.poll(session)?.err().map(|error| error.to_string())
             }
-            Saver::Waiting(_) if self.n_unsaved == 0 => None,
+            Saver::Waiting(_) if !has_unsaved => None,
             Saver::Waiting(since) => {
                 // Soon, so that a short run that is killed is offered, too.
                 let is_due = since.get_or_insert_with(Instant::now).elapsed() >= time.min(FIRST);
@@ -85,7 +105,7 @@ impl Files {
     pub fn is_pending(&self, session: &Session) -> bool {
         match &self.saver {
             Saver::Off | Saver::Stored(_) => false,
-            Saver::Waiting(_) => self.n_unsaved > 0,
+            Saver::Waiting(_) => self.has_unsaved(),
             Saver::On(autosave, _) => autosave.is_pending(session),
         }
     }
@@ -133,7 +153,7 @@ impl Files {
             return known.clone();
         }
         let frames = self.n_unsaved;
-        let Some(session) = session.filter(|_| frames > 0) else { return Rescue::Nothing };
+        let Some(session) = session.filter(|_| self.has_unsaved()) else { return Rescue::Nothing };
         let Some(dataset) = &session.dataset().path else { return Rescue::Nothing };
         let used = match std::mem::replace(&mut self.saver, Saver::Off) {
             Saver::On(autosave, slot) => {

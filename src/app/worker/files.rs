@@ -170,6 +170,7 @@ pub fn begin_write(out: &mut Outbox, number: u64) {
 
 fn end_write(out: &mut Outbox, number: u64, text: String) {
     out.snapshot.files.unsaved_frames = 0;
+    out.snapshot.files.is_registration_unsaved = false;
     out.snapshot.files.latest_write = Some(WriteOutcome { number, is_written: true });
     out.notify(NoticeKind::Info, text);
 }

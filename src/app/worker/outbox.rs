@@ -111,7 +111,7 @@ impl Outbox {
         self.snapshot = Snapshot {
             notices,
             // The window may not have read yet that its file was written.
-            files: FileState { unsaved_frames: 0, ..files },
+            files: FileState { unsaved_frames: 0, is_registration_unsaved: false, ..files },
             following: FollowState { recording: None, ..following },
             ..Snapshot::default()
         };

@@ -186,8 +186,9 @@ impl WorkerThread {
                 self.run.register(registration);
                 // A checkpoint holds it, so closing the window must ask.
                 if self.outbox.snapshot.frames_done > 0 {
-                    self.files.record_frame();
-                    self.outbox.snapshot.files.unsaved_frames += 1;
+                    let warning = self.files.record_registration(self.run.session());
+                    self.outbox.snapshot.files.is_registration_unsaved = true;
+                    warning.into_iter().for_each(|w| self.outbox.notify(NoticeKind::Warning, w));
                 }
             }
             WorkerOrder::RecordCurves(serial, curves) => self.record_curves(serial, curves),

@@ -1,8 +1,7 @@
 //! Arguments of `export`.
 
 use crate::cli::args::{
-    axis, documented_choice, parse_box, parse_count, parse_numbers, parse_positive,
-    parse_unit_scale,
+    axis, documented_choice, parse_box, parse_numbers, parse_positive, parse_unit_scale,
 };
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -131,9 +130,9 @@ pub struct MappingArgs {
     /// Splats written per splat of a scene with colour gradients or opacities above 1 [default: 1]
     #[arg(long, value_parser = documented_choice::<GradientSplit>())]
     pub export_split: Option<GradientSplit>,
-    /// Small splats, about, that are written in place of splats with textures [default: textures are left
-    /// out]
-    #[arg(long, value_name = "SPLATS", value_parser = parse_count)]
+    /// Small splats, about, that are written in place of splats with textures; 0 leaves textures out
+    /// [default: 150000]
+    #[arg(long, value_name = "SPLATS")]
     pub export_detail: Option<usize>,
 }
 
@@ -152,6 +151,7 @@ impl MappingArgs {
         // The best treatment of opacities depends on the split: equal areas for one or two, clipping for four.
         let best = Mapping::for_split(self.export_split.unwrap_or_default());
         let opacity = self.export_mapping.unwrap_or(best.opacity);
-        Mapping { opacity, detail: self.export_detail, ..best }
+        let detail = self.export_detail.map_or(best.detail, |n| (n > 0).then_some(n));
+        Mapping { opacity, detail, ..best }
     }
 }

@@ -39,6 +39,9 @@ pub enum MeshKind {
     Opaque,
     /// Vertex colours blended over the image.
     Blended,
+    /// Colours of a texture, drawn without blending; vertex colours are ignored. The value is the key
+    /// passed to [`MeshPainter::set_texture`].
+    Picture(u64),
     /// Vertex colours times a texture, blended over the image. The value is the key passed to
     /// [`MeshPainter::set_texture`].
     Textured(u64),
@@ -81,6 +84,7 @@ pub struct MeshPainter {
     format: wgpu::TextureFormat,
     opaque: wgpu::RenderPipeline,
     blended: wgpu::RenderPipeline,
+    pictured: wgpu::RenderPipeline,
     textured: wgpu::RenderPipeline,
     whole: wgpu::RenderPipeline,
     textures: HashMap<u64, BoundTexture>,
@@ -92,7 +96,8 @@ pub struct MeshPainter {
 struct BoundTexture {
     texture: wgpu::Texture,
     sampling: MeshSampling,
-    bindings: wgpu::BindGroup,
+    /// Bindings for [`MeshKind::Picture`] and for [`MeshKind::Textured`].
+    bindings: [wgpu::BindGroup; 2],
 }
 
 impl MeshPainter {
@@ -115,6 +120,7 @@ impl MeshPainter {
             format,
             opaque: pipeline("plain", &corners, None),
             blended: pipeline("plain", &corners, over),
+            pictured: pipeline("picture", &corners, None),
             textured: pipeline("textured", &corners, over),
             whole: pipeline("whole", &[], None),
             textures: HashMap::new(),
@@ -149,7 +155,8 @@ impl MeshPainter {
             (0, wgpu::BindingResource::TextureView(&view)),
             (1, wgpu::BindingResource::Sampler(&sampler)),
         ];
-        let bindings = bind_group(device, &self.textured.get_bind_group_layout(0), &resources);
+        let bindings = [&self.pictured, &self.textured]
+            .map(|pipeline| bind_group(device, &pipeline.get_bind_group_layout(0), &resources));
         self.textures.insert(key, BoundTexture { texture: texture.clone(), sampling, bindings });
     }
 
@@ -200,10 +207,15 @@ impl MeshPainter {
             match kind {
                 MeshKind::Opaque => pass.set_pipeline(&self.opaque),
                 MeshKind::Blended => pass.set_pipeline(&self.blended),
-                MeshKind::Textured(key) => {
+                MeshKind::Picture(key) | MeshKind::Textured(key) => {
                     let Some(texture) = self.textures.get(key) else { continue };
-                    pass.set_pipeline(&self.textured);
-                    pass.set_bind_group(0, &texture.bindings, &[]);
+                    let [as_picture, blended] = &texture.bindings;
+                    let (pipeline, bindings) = match kind {
+                        MeshKind::Picture(_) => (&self.pictured, as_picture),
+                        _ => (&self.textured, blended),
+                    };
+                    pass.set_pipeline(pipeline);
+                    pass.set_bind_group(0, bindings, &[]);
                 }
             }
             let PixelRect { min, max } = *scissor;
