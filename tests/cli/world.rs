@@ -99,7 +99,7 @@ fn recode_depth(scratch: &Scratch, by: f64) {
 
 /// Share of splats that the other model also has, in a world `metre` times as large.
 fn share_in_both(scratch: [&Scratch; 2], metre: f32) -> f64 {
-    let [one, other] = scratch.map(|scratch| scratch.model("run/scene.ply").splats);
+    let [one, other] = scratch.map(|scratch| scratch.model("run/native.ply").splats);
     let is_same = |a: &Splat, b: &Splat| {
         let near = |a: f32, b: f32, most: f32| (a - b / metre).abs() <= most;
         (0..3).all(|i| near(a.mean[i], b.mean[i], 1e-4))
@@ -123,6 +123,8 @@ fn the_scene_does_not_depend_on_the_unit_of_depth() {
         move_cameras(&scratch, |_, place| place.map(|x| x * metre));
         let said = scratch.run(&format!("train room --out run {depth}")).succeeds();
         assert_eq!(said.stderr.contains("to the metre"), metre != 1.0, "{}", said.stderr);
+        let export = "export run/checkpoint.vbgs -o run/native.ply --export-detail 0";
+        scratch.run(export).succeeds();
         scratch
     };
     let plain = trained(1.0, 1.0, "--depth-scale 0.001");
