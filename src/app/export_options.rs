@@ -161,7 +161,9 @@ pub fn losses(scene: SplatView<'_>, choice: &ExportChoice) -> Vec<String> {
         describe_plain_losses(scene, mapping, &mut losses);
     }
     losses.extend(match (mapping::lost_textures(scene), mapping.detail) {
-        (Some(_), Some(most)) => Some(format!("Textures become about {most} small splats")),
+        (Some(_), Some(most)) => {
+            Some(format!("Textures become about {} small splats", wording::grouped(most)))
+        }
         (lost, _) => lost,
     });
     if scene.finishing().exposures.is_some() {
@@ -229,11 +231,11 @@ mod export_losses_tests {
     #[test]
     fn only_what_is_lost_is_told() {
         let splat = Splat { opacity: 0.5, scale: [0.1; 3], ..Splat::default() };
-        let told = |set: &SplatSet, format| {
-            let (mapping, left_out) = (Mapping::default(), LeftOut::default());
-            let spz_version = SpzVersion::V2;
+        let told_with = |set: &SplatSet, format, mapping| {
+            let (spz_version, left_out) = (SpzVersion::V2, LeftOut::default());
             losses(set.view(), &ExportChoice { format, mapping, spz_version, left_out })
         };
+        let told = |set: &SplatSet, format| told_with(set, format, Mapping::default());
         let plain = SplatSet::from(vec![splat]);
         assert_eq!(told(&plain, ModelFormat::Ply).len(), 1, "evidence and uncertainty only");
         assert!(told(&plain, ModelFormat::Spz)[0].starts_with("SPZ quantises"));
@@ -258,6 +260,9 @@ mod export_losses_tests {
         let textures = Some(Arc::new(vec![None, Some(Arc::new(texture))]));
         let textured = plain.finished(Finishing { textures, ..Finishing::default() });
         let told_of = told(&textured, ModelFormat::Ply);
+        assert_eq!(told_of[0], "Textures become about 150,000 small splats");
+        let left_out = Mapping { detail: None, ..Mapping::default() };
+        let told_of = told_with(&textured, ModelFormat::Ply, left_out);
         assert!(told_of[0].starts_with("Textures of 1 splats, 0.1 MB, are not"), "{told_of:?}");
     }
 }

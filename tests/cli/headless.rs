@@ -37,7 +37,8 @@ fn the_demo_trains_without_a_display() {
     let used = report["summary"]["used"].as_u64().unwrap();
     for file in ["vbgs-demo/scene.ply", "vbgs-demo/scene.glb"] {
         let drawn = scratch.model(file).splats.len() as u64;
-        assert!((used / 2..=used).contains(&drawn), "{file}: {drawn} of {used}");
+        // Splats with a texture become several.
+        assert!(drawn >= used / 2, "{file}: {drawn} of {used}");
     }
     let preview = image::open(scratch.path("vbgs-demo/preview.png")).unwrap().into_rgb8();
     assert_eq!(preview.dimensions(), (320, 240));
