@@ -80,7 +80,20 @@ fn textures_become_small_splats_or_are_named() {
     assert!(none.contains("no splat has a texture: --export-detail has no effect"), "{none}");
     let mesh = "export out/checkpoint.vbgs -o a.obj --as mesh --export-detail 100";
     scratch.run(mesh).fails(2, &["--export-detail", "a setting of splats"]);
-    scratch.run("export out/scene.ply -o a.ply --export-detail some").fails(2, &["invalid digit"]);
+    for wrong in ["some", "-5", "0.5"] {
+        scratch
+            .run(&format!("export out/scene.ply -o a.ply --export-detail {wrong}"))
+            .fails(2, &["--export-detail", "a whole number; 0 leaves textures out"]);
+    }
+    // By default they are written.
+    scratch.run("train room --out run --max-frames 3").succeeds();
+    let said = scratch.run("export run/checkpoint.vbgs -o native.ply --export-detail 0").succeeds();
+    assert!(said.stderr.contains("are not stored"), "{}", said.stderr);
+    let said = scratch.run("export run/checkpoint.vbgs -o all.ply").succeeds();
+    assert!(!said.stderr.contains("are not stored"), "{}", said.stderr);
+    let [native, all, trained] =
+        ["native.ply", "all.ply", "run/scene.ply"].map(|name| scratch.model(name).splats.len());
+    assert!(native < all && all == trained, "{native}, {all} and {trained} splats");
 }
 
 #[test]

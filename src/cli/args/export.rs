@@ -122,6 +122,10 @@ pub fn parse_point(text: &str) -> Result<DVec3, String> {
     point.ok_or_else(|| "expected three numbers X,Y,Z".to_owned())
 }
 
+fn parse_detail(text: &str) -> Result<usize, String> {
+    text.parse().map_err(|_| "expected a whole number; 0 leaves textures out".to_owned())
+}
+
 #[derive(Args)]
 pub struct MappingArgs {
     /// Conversion of opacities above 0.99, for scenes with colour gradients or opacities above 1 [default: equal-area; clip with --export-split 4]
@@ -132,7 +136,7 @@ pub struct MappingArgs {
     pub export_split: Option<GradientSplit>,
     /// Small splats, about, that are written in place of splats with textures; 0 leaves textures out
     /// [default: 150000]
-    #[arg(long, value_name = "SPLATS")]
+    #[arg(long, value_name = "SPLATS", value_parser = parse_detail, allow_negative_numbers = true)]
     pub export_detail: Option<usize>,
 }
 
